@@ -1,0 +1,167 @@
+"""Every choice of a run as one frozen record; the TOML file has the same names."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from math import isfinite
+from typing import Any
+
+from pbrdf_bayes.errors import ConfigError
+
+NOISES = ("iid",)
+EFFECTS: tuple[str, ...] = ()
+LINE_SHAPES = ("lorentzian",)
+PRIOR_PRESETS = ("paint", "dielectric", "metal")
+BRDF_SCALES = ("absolute", "relative")
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """What a level of ``--accuracy`` buys: quadrature tolerance and sampling effort."""
+
+    rtol: float
+    method: str
+    ess_target: int
+
+
+ACCURACIES: Mapping[str, Accuracy] = {
+    "draft": Accuracy(rtol=1e-5, method="psis", ess_target=400),
+    "standard": Accuracy(rtol=1e-6, method="emcee", ess_target=1000),
+    "reference": Accuracy(rtol=1e-10, method="emcee", ess_target=10_000),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunConfig:
+    """Choices of a run; every field is a top-level key of the TOML file.
+
+    Attributes
+    ----------
+    noise : {"iid"}
+        Likelihood of the BRDF rows.
+    effects : tuple of str
+        Effects added to the four-parameter model; empty is exactly the model of the 2011 paper.
+    line_shape : {"lorentzian"}
+    accuracy : {"draft", "standard", "reference"}
+        Quadrature tolerance and sampling effort, see `ACCURACIES`.
+    prior : {"paint", "dielectric", "metal"}
+        Preset of priors for the physical parameters.
+    priors : mapping of str to mapping
+        Replacements by parameter name, e.g. ``{"n": {"kind": "normal", "mean": 1.5, "sd": 0.05}}``.
+    brdf_floor : float
+        Noise-equivalent BRDF of the instrument [sr^-1]; readings at or below it are censored.
+    brdf_scale : {"absolute", "relative"}
+        ``relative`` leaves the scale of each scan free: where the laboratory normalised its scans
+        with its DHR readings, an absolute scale would use them twice.
+    u_brdf_cal : float
+        Relative standard uncertainty of the calibration factor of a scan [1].
+    u_dhr_cal : float
+        Relative standard uncertainty of the gain of the DHR readings of a polarisation [1].
+    predict_theta_i_deg : tuple of float
+        Incidence angles not measured at which the report shows predicted curves [deg]; empty
+        chooses them between the measured ones.
+    holdout : bool
+        Repeat the paper's recipe (DHR and one scan fitted, the other scans predicted).
+    n_ensembles, n_walkers : int
+        Independent ensembles and the walkers of each.
+    max_steps : int
+        Budget of steps of each ensemble; beyond it the run ends as not converged.
+    threads : int
+        Ensembles that run at the same time; draws do not depend on it.
+
+    Raises
+    ------
+    ConfigError
+        When a value is not allowed; the message names the key, the value and what is allowed.
+
+    Examples
+    --------
+    >>> RunConfig(accuracy="draft").rtol
+    1e-05
+    """
+
+    noise: str = "iid"
+    effects: tuple[str, ...] = ()
+    line_shape: str = "lorentzian"
+    accuracy: str = "standard"
+    prior: str = "paint"
+    priors: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    brdf_floor: float = 0.0
+    brdf_scale: str = "absolute"
+    u_brdf_cal: float = 0.0
+    u_dhr_cal: float = 0.01
+    predict_theta_i_deg: tuple[float, ...] = ()
+    holdout: bool = True
+    n_ensembles: int = 4
+    n_walkers: int = 64
+    max_steps: int = 20_000
+    threads: int = 2
+
+    def __post_init__(self) -> None:
+        _one_of("noise", self.noise, NOISES)
+        _one_of("line_shape", self.line_shape, LINE_SHAPES)
+        _one_of("accuracy", self.accuracy, ACCURACIES)
+        _one_of("prior", self.prior, PRIOR_PRESETS)
+        _one_of("brdf_scale", self.brdf_scale, BRDF_SCALES)
+        if isinstance(self.effects, str):
+            msg = f"effects = {self.effects!r}: give a list of names, e.g. effects = []"
+            raise ConfigError(msg)
+        for name in self.effects:
+            _one_of("effects", name, EFFECTS)
+        _in_range("brdf_floor", self.brdf_floor, 0.0, 1e3)
+        _in_range("u_brdf_cal", self.u_brdf_cal, 0.0, 1.0)
+        _in_range("u_dhr_cal", self.u_dhr_cal, 0.0, 1.0)
+        for angle in self.predict_theta_i_deg:
+            _in_range("predict_theta_i_deg", angle, 0.0, 89.95)
+        _in_range("n_ensembles", self.n_ensembles, 4, 64)
+        _in_range("n_walkers", self.n_walkers, 16, 4096)
+        _in_range("max_steps", self.max_steps, 100, 10_000_000)
+        _in_range("threads", self.threads, 1, 1024)
+
+    @property
+    def rtol(self) -> float:
+        """Relative tolerance of the normalisation integral."""
+        return ACCURACIES[self.accuracy].rtol
+
+    @property
+    def ess_target(self) -> int:
+        """Effective sample size asked of every parameter, bulk and tail."""
+        return ACCURACIES[self.accuracy].ess_target
+
+
+def check_keys(given: Iterable[str], *, where: str) -> None:
+    """Refuse keys that `RunConfig` does not have, with the nearest one it has.
+
+    Raises
+    ------
+    ConfigError
+    """
+    known = [f.name for f in fields(RunConfig)]
+    for key in given:
+        if key not in known:
+            msg = f"{where}: unknown key {key!r}.{did_you_mean(key, known)} Known: {', '.join(known)}"
+            raise ConfigError(msg)
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """`` Did you mean ...?`` with the nearest known word whatever its case, or nothing."""
+    by_lower = {name.lower(): name for name in known}
+    near = difflib.get_close_matches(word.lower(), by_lower, n=1)
+    return f" Did you mean {by_lower[near[0]]!r}?" if near else ""
+
+
+def _one_of(key: str, value: Any, allowed: Iterable[str]) -> None:
+    names = list(allowed)
+    if value not in names:
+        listed = ", ".join(map(repr, names)) or "none in this version"
+        msg = f"{key} = {value!r} is not known.{did_you_mean(str(value), names)} Allowed: {listed}"
+        raise ConfigError(msg)
+
+
+def _in_range(key: str, value: Any, low: float, high: float) -> None:
+    number = isinstance(value, (int, float)) and not isinstance(value, bool) and isfinite(value)
+    if not number or not low <= value <= high:
+        msg = f"{key} = {value!r} is not allowed: give a number in [{low:g}, {high:g}]"
+        raise ConfigError(msg)

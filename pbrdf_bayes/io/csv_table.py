@@ -1,0 +1,208 @@
+"""The bytes of a comma-separated file as chunks of cells with the lines they stand on.
+
+The csv module of the standard library reads them, not pandas: it is as fast here, knows the line
+of every row (quoted line breaks included), and shows rows that are too short or too long, which
+pandas fills or shifts in silence.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbrdf_bayes.config import did_you_mean
+from pbrdf_bayes.errors import DataError
+from pbrdf_bayes.io.problems import N_LISTED, Problem, Problems, compose_message
+
+MAX_LINE_BYTES = 65_536
+CHUNK_ROWS = 1024
+
+_SAVE_AS_UTF8 = "Save the file as UTF-8 (in a spreadsheet: 'CSV UTF-8, comma delimited')."
+_FOREIGN = (
+    (b"\x1f\x8b", "a gzip archive", "Unpack it first: gunzip FILE."),
+    (b"PK\x03\x04", "a zip archive or a spreadsheet", _SAVE_AS_UTF8),
+    (b"\xff\xfe", "text in UTF-16", _SAVE_AS_UTF8),
+    (b"\xfe\xff", "text in UTF-16", _SAVE_AS_UTF8),
+)
+_SEPARATORS = {
+    ";": ("semicolons", "sed 's/,/./g; s/;/,/g' OLD.csv > NEW.csv"),
+    "\t": ("tabs", "sed 's/,/./g' OLD.csv | tr '\\t' ',' > NEW.csv"),
+    "|": ("bars", "tr '|' ',' < OLD.csv > NEW.csv"),
+}
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Consecutive rows: their lines, shape (n_rows,), and their cells column by column."""
+
+    line: NDArray[np.int64]
+    columns: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Header cells and an iterator over the rows, to be used once."""
+
+    header: tuple[str, ...]
+    chunks: Iterator[Chunk]
+
+
+def read_bytes(path: str | Path) -> bytes:
+    """Content of a file.
+
+    Raises
+    ------
+    DataError
+        When it does not exist, is a folder or cannot be read.
+    """
+    file = Path(path)
+    try:
+        return file.read_bytes()
+    except FileNotFoundError:
+        refuse(path, f"there is no such file.{_similar_file(file)}")
+    except (OSError, ValueError) as error:
+        if file.is_dir():
+            refuse(path, "this is a folder. Give the CSV file in it.")
+        refuse(path, f"the file cannot be read ({getattr(error, 'strerror', None) or error}).")
+
+
+def open_table(path: str | Path, data: bytes, problems: Problems) -> Table:
+    """Split ``data`` into a header and chunks; rows of another length go to ``problems``.
+
+    Raises
+    ------
+    DataError
+        When the content is not comma-separated text in UTF-8 with a header and rows.
+    """
+    _refuse_other_formats(path, data)
+    text = io.TextIOWrapper(io.BytesIO(data), encoding="utf-8-sig", newline="")
+    rows = _rows(path, data, text, problems)
+    _, first = next(rows, (0, []))
+    header = tuple(cell.strip() for cell in first)
+    if not any(header):
+        refuse(path, "line 1 is empty. It must be the header with the column names.")
+    _refuse_other_separators(path, header)
+    return Table(header, _chunks(rows, len(header), problems))
+
+
+def refuse(path: str | Path, reason: str) -> NoReturn:
+    """Raise a `DataError` about the file as a whole."""
+    raise DataError(compose_message(str(path), [Problem(0, "", reason)], 1))
+
+
+def _similar_file(file: Path) -> str:
+    """Name a file of the same folder that may have been meant."""
+    try:
+        names = [entry.name for entry in file.parent.iterdir()]
+    except (OSError, ValueError):
+        return ""
+    return did_you_mean(file.name, names)
+
+
+def _refuse_other_formats(path: str | Path, data: bytes) -> None:
+    """Refuse what is not lines of text."""
+    if not data.strip(b"\xef\xbb\xbf \t\r\n"):
+        refuse(path, "the file is empty. It needs a header and at least one row.")
+    for magic, name, remedy in _FOREIGN:
+        if data.startswith(magic):
+            refuse(path, f"this is {name}, not a CSV file. {remedy}")
+    if (at := data.find(b"\0")) >= 0:
+        line = data.count(b"\n", 0, at) + 1
+        refuse(path, f"line {line} has a zero byte (at byte {at}): a binary file. {_SAVE_AS_UTF8}")
+    line, length = _longest_line(data)
+    if length > MAX_LINE_BYTES:
+        reason = f"line {line} is {length} bytes long (allowed: up to {MAX_LINE_BYTES})."
+        refuse(path, f"{reason} This is not one reading a line: check how the file was exported.")
+
+
+def _longest_line(data: bytes) -> tuple[int, int]:
+    """Find the number and the length [bytes] of the longest line."""
+    content = np.frombuffer(data, dtype=np.uint8)
+    is_break = content == ord("\n")
+    is_break |= content == ord("\r")
+    breaks = np.concatenate([[-1], np.flatnonzero(is_break), [content.size]])
+    lengths = np.diff(breaks) - 1
+    longest = int(np.argmax(lengths))
+    start = int(breaks[longest]) + 1
+    head = data[:start]
+    return max(head.count(b"\n"), head.count(b"\r")) + 1, int(lengths[longest])
+
+
+def _refuse_other_separators(path: str | Path, header: Sequence[str]) -> None:
+    """Refuse semicolons and the like, saying how to convert."""
+    line = ",".join(header)
+    for separator, (name, command) in _SEPARATORS.items():
+        if line.count(separator) > line.count(","):
+            reason = f"line 1: the columns are separated by {name}, not by commas. Convert them,"
+            refuse(path, f"{reason} and decimal commas to points: {command}")
+    if len(header) == 1 and len(line.split()) > 3:
+        reason = "line 1: the columns are separated by spaces, not by commas."
+        refuse(path, f"{reason} Convert them: sed 's/  */,/g' OLD.csv > NEW.csv")
+
+
+def _rows(
+    path: str | Path, data: bytes, text: Iterable[str], problems: Problems
+) -> Iterator[tuple[int, list[str]]]:
+    """Yield the line a row starts on and its cells; broken quotes end the file."""
+    reader = csv.reader(text, strict=True, skipinitialspace=True)
+    last = 0
+    try:
+        for cells in reader:
+            yield last + 1, cells
+            last = reader.line_num
+    except UnicodeDecodeError:
+        _refuse_encoding(path, data)
+    except csv.Error as error:
+        reason = f"the quotes around a cell are broken ({error}); nothing after it was read. "
+        problems.add(Problem(last + 1, "", f'{reason}Close the quote, or write " inside as "".'))
+
+
+def _refuse_encoding(path: str | Path, data: bytes) -> None:
+    """Say which byte is not UTF-8."""
+    try:
+        data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        reason = f"line {line}: byte 0x{data[error.start]:02X} (at byte {error.start})"
+        refuse(path, f"{reason} is not UTF-8. {_SAVE_AS_UTF8}")
+
+
+def _chunks(
+    rows: Iterator[tuple[int, list[str]]], width: int, problems: Problems
+) -> Iterator[Chunk]:
+    """Gather rows of the right length; blank ones are skipped."""
+    lines: list[int] = []
+    kept: list[list[str]] = []
+    n_ragged = 0
+    for line, cells in rows:
+        if len(cells) == width and any(cells):
+            lines.append(line)
+            kept.append(cells)
+            if len(kept) == CHUNK_ROWS:
+                yield Chunk(np.array(lines), tuple(zip(*kept, strict=True)))
+                lines, kept = [], []
+        elif any(map(str.strip, cells)):
+            n_ragged += 1
+            found = [_ragged(line, cells, width)] if n_ragged <= N_LISTED else []
+            problems.extend(found, n=1)
+    if kept:
+        yield Chunk(np.array(lines), tuple(zip(*kept, strict=True)))
+
+
+def _ragged(line: int, cells: Sequence[str], width: int) -> Problem:
+    """Say how a row differs from the header in length, and why that may be."""
+    text = f"{len(cells)} cells where the header has {width}. "
+    if any(";" in cell for cell in cells):
+        text += "Separate the cells by commas, not by semicolons."
+    elif len(cells) > width:
+        text += "Write decimal points, not decimal commas; put names with a comma in quotes."
+    else:
+        text += "Fill in the missing cells; an empty cell needs its comma too."
+    return Problem(line, "", text)

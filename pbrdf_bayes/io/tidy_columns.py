@@ -1,0 +1,160 @@
+"""Columns of the tidy CSV: their names, and how cells become numbers and words."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from math import nan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbrdf_bayes.config import did_you_mean
+from pbrdf_bayes.io.problems import Problem, Problems, show_cell
+
+REQUIRED = (
+    "sample",
+    "wavelength_um",
+    "quantity",
+    "polarization",
+    "theta_i_deg",
+    "theta_r_deg",
+    "value",
+)
+OPTIONAL = ("sigma", "n_repeats", "phi_r_deg", "scan", "flag")
+COLUMNS = REQUIRED + OPTIONAL
+WORD_COLUMNS = ("sample", "quantity", "polarization", "scan", "flag")
+NUMBER_COLUMNS = tuple(name for name in COLUMNS if name not in WORD_COLUMNS)
+QUANTITIES = ("brdf", "dhr")
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Converted rows, shape (n_rows,) each.
+
+    ``sample``, ``scan`` and ``flag`` number the words of their columns; ``quantity`` and
+    ``polarization`` index `QUANTITIES` and ``POLARIZATIONS``, -1 where the word is unknown.
+    ``used`` marks rows without a flag, ``bad`` those of them with a problem.
+    """
+
+    line: NDArray[np.int64]
+    sample: NDArray[np.int64]
+    wavelength_um: NDArray[np.float64]
+    quantity: NDArray[np.int64]
+    polarization: NDArray[np.int64]
+    theta_i_deg: NDArray[np.float64]
+    theta_r_deg: NDArray[np.float64]
+    value: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+    n_repeats: NDArray[np.float64]
+    phi_r_deg: NDArray[np.float64]
+    scan: NDArray[np.int64]
+    flag: NDArray[np.int64]
+    used: NDArray[np.bool_]
+    bad: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return int(self.line.size)
+
+
+def join_rows(parts: Sequence[Rows]) -> Rows:
+    """Concatenate the rows of all chunks."""
+    names = [f.name for f in fields(Rows)]
+    return Rows(**{name: np.concatenate([getattr(p, name) for p in parts]) for name in names})
+
+
+class Codebook:
+    """Distinct words of a text column, numbered as they are met; `encode` extends it."""
+
+    def __init__(self) -> None:
+        self.words: list[str] = []
+        self._word_code: dict[str, int] = {}
+        self._cell_code: dict[str, int] = {}
+
+    def encode(self, cells: Sequence[str]) -> NDArray[np.int64]:
+        """Give the number of the word in each cell, without the blanks around it or a formula guard."""
+        for cell in sorted(set(cells) - self._cell_code.keys()):
+            word = unguard(cell.strip())
+            code = self._word_code.setdefault(word, len(self.words))
+            if code == len(self.words):
+                self.words.append(word)
+            self._cell_code[cell] = code
+        return np.fromiter(map(self._cell_code.__getitem__, cells), np.int64, len(cells))
+
+
+def guard(text: str) -> str:
+    """Put an apostrophe before text that a spreadsheet would take for a formula.
+
+    Examples
+    --------
+    >>> guard("=1+1"), guard("paint")
+    ("'=1+1", 'paint')
+    """
+    return f"'{text}" if re.match(r"'*[=+\-@]", text) else text
+
+
+def unguard(cell: str) -> str:
+    """Undo `guard`.
+
+    Examples
+    --------
+    >>> unguard("'=1+1"), unguard("'tis")
+    ('=1+1', "'tis")
+    """
+    return cell[1:] if re.match(r"'+[=+\-@]", cell) else cell
+
+
+def to_floats(cells: Sequence[str]) -> NDArray[np.float64]:
+    """Numbers in plain notation, correctly rounded; NaN where a cell holds none.
+
+    Examples
+    --------
+    >>> to_floats(["1.5", " 2e-3 ", "", "1_000", "0,5"]).tolist()
+    [1.5, 0.002, nan, nan, nan]
+    """
+    joined = "".join(cells)
+    if joined.isascii() and "_" not in joined:
+        try:
+            return np.fromiter(map(float, cells), np.float64, len(cells))
+        except ValueError:
+            table = {cell: to_float(cell) for cell in set(cells)}
+    else:
+        table = {cell: to_float(cell) for cell in set(cells)}
+    return np.fromiter(map(table.__getitem__, cells), np.float64, len(cells))
+
+
+def to_float(cell: str) -> float:
+    """Convert a cell, to NaN where it holds no number."""
+    try:
+        return float(cell) if cell.isascii() and "_" not in cell else nan
+    except ValueError:
+        return nan
+
+
+def check_header(header: Sequence[str], problems: Problems) -> tuple[str, ...]:
+    """Find missing and repeated columns; return warnings about the unknown ones."""
+    for name in REQUIRED:
+        if name not in header and name != "theta_r_deg":
+            problems.add(missing_column(name, header))
+    for name in COLUMNS:
+        if (n := header.count(name)) > 1:
+            problems.add(Problem(1, name, f"the header names it {n} times. Keep one of them."))
+    absent = [name for name in COLUMNS if name not in header]
+    return tuple(
+        f"column {show_cell(name)} is not part of the format and was not read."
+        f"{did_you_mean(name, absent)}"
+        for name in header
+        if name and name not in COLUMNS
+    )
+
+
+def missing_column(name: str, header: Sequence[str]) -> Problem:
+    """Say which required column is missing, and which may be meant for it."""
+    meant = {given.lower(): given for given in header if given not in COLUMNS}
+    near = difflib.get_close_matches(name, meant, n=1)
+    remedy = f"Add it; required are {', '.join(REQUIRED)}."
+    if near:
+        remedy = f"Is it the one named {show_cell(meant[near[0]])}? Rename that to {name!r}."
+    return Problem(1, name, f"this required column is missing from the header. {remedy}")

@@ -1,0 +1,262 @@
+"""What was measured on one paint sample at one wavelength, as validated frozen arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pbrdf_bayes.errors import DataError
+
+POLARIZATIONS = ("s", "p", "u")
+"""Polarisation words of the tidy CSV; ``u`` is unpolarised, the mean of s and p."""
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Readings of one quantity, row by row.
+
+    Attributes
+    ----------
+    polarization : ndarray of str, shape (n_obs,)
+        ``"s"``, ``"p"`` or ``"u"``.
+    theta_i_deg, theta_r_deg, phi_r_deg : ndarray, shape (n_obs,)
+        Directions [deg]; ``theta_r_deg`` is signed, + on the forward side. NaN in
+        ``theta_r_deg`` for hemispherical readings.
+    value : ndarray, shape (n_obs,)
+        BRDF [sr^-1] or DHR [1].
+    u_value : ndarray, shape (n_obs,)
+        Standard uncertainty of ``value`` stated by the laboratory, same unit; NaN where not
+        stated. Already divided by the root of the number of repeats.
+    repeated : ndarray of bool, shape (n_obs,)
+        True where ``u_value`` is the scatter of repeated readings (few degrees of freedom).
+    row : ndarray of int, shape (n_obs,)
+        Line in the source file (the header is line 1); 0 when there is no file.
+    """
+
+    polarization: NDArray[np.str_]
+    theta_i_deg: NDArray[np.float64]
+    theta_r_deg: NDArray[np.float64]
+    phi_r_deg: NDArray[np.float64]
+    value: NDArray[np.float64]
+    u_value: NDArray[np.float64]
+    repeated: NDArray[np.bool_]
+    row: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return int(self.value.size)
+
+
+@dataclass(frozen=True)
+class Scan:
+    """One BRDF scan: fixed incidence, polarisation and azimuth; ``theta_r`` varies.
+
+    ``start`` and ``stop`` delimit its rows in ``Measurement.brdf``, sorted by ``theta_r_deg``.
+    """
+
+    label: str
+    polarization: str
+    theta_i_deg: float
+    phi_r_deg: float
+    start: int
+    stop: int
+
+    def __len__(self) -> int:
+        return self.stop - self.start
+
+    @property
+    def rows(self) -> slice:
+        """Rows of this scan in ``Measurement.brdf``."""
+        return slice(self.start, self.stop)
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """All usable readings of one sample at one wavelength; build it with `measurement_from_columns`.
+
+    Attributes
+    ----------
+    sample : str
+    wavelength_um : float
+        Wavelength [um].
+    brdf, dhr : Readings
+        BRDF rows grouped by scan and sorted by ``theta_r_deg``; DHR rows sorted by polarisation
+        and angle. Either may be empty, not both.
+    scans : tuple of Scan
+        Unique labels; ordered by incidence angle, then s, p, u.
+    excluded : mapping of str to int
+        Rows left out, counted by their ``flag``.
+    source, sha256 : str
+        File name (without folder) and hash of its bytes; empty when not from a file.
+    warnings : tuple of str
+        What reading found worth saying without refusing the file.
+    """
+
+    sample: str
+    wavelength_um: float
+    brdf: Readings
+    dhr: Readings
+    scans: tuple[Scan, ...]
+    excluded: Mapping[str, int] = field(default_factory=dict)
+    source: str = ""
+    sha256: str = ""
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def n_obs(self) -> int:
+        """Number of usable readings, BRDF and DHR together."""
+        return len(self.brdf) + len(self.dhr)
+
+
+def measurement_from_columns(
+    *,
+    sample: str,
+    wavelength_um: float,
+    quantity: ArrayLike,
+    polarization: ArrayLike,
+    theta_i_deg: ArrayLike,
+    theta_r_deg: ArrayLike,
+    value: ArrayLike,
+    phi_r_deg: ArrayLike | None = None,
+    sigma: ArrayLike | None = None,
+    n_repeats: ArrayLike | None = None,
+    scan: ArrayLike | None = None,
+    row: ArrayLike | None = None,
+    excluded: Mapping[str, int] | None = None,
+    source: str = "",
+    sha256: str = "",
+    warnings: tuple[str, ...] = (),
+) -> Measurement:
+    """Group validated columns of the tidy format into a `Measurement`.
+
+    Parameters
+    ----------
+    quantity, polarization, theta_i_deg, theta_r_deg, value : array_like, shape (n_rows,)
+        Columns of the tidy CSV; angles [deg], BRDF values [sr^-1], DHR values [1].
+    phi_r_deg, sigma, n_repeats, scan, row : array_like, shape (n_rows,), optional
+        Optional columns; missing ``sigma`` is NaN, missing ``n_repeats`` is NaN (``sigma`` is then
+        the standard uncertainty itself), missing ``scan`` is the empty label.
+
+    Returns
+    -------
+    Measurement
+
+    Raises
+    ------
+    DataError
+        When no row is left. Ranges are the business of the reader.
+
+    Examples
+    --------
+    >>> m = measurement_from_columns(
+    ...     sample="a", wavelength_um=3.39, quantity=["brdf", "brdf", "dhr"],
+    ...     polarization=["s", "s", "p"], theta_i_deg=[20, 20, 30], theta_r_deg=[10, -10, np.nan],
+    ...     value=[0.02, 0.01, 0.03])
+    >>> [scan.label for scan in m.scans], m.brdf.theta_r_deg.tolist(), len(m.dhr)
+    (['s 20 deg'], [-10.0, 10.0], 1)
+    """
+    quantity = np.asarray(quantity, dtype=np.str_)
+    n_rows = quantity.size
+    if n_rows == 0:
+        msg = f"{source or 'measurement'}: no usable rows for sample {sample!r}"
+        raise DataError(msg)
+
+    def column(values: ArrayLike | None, fill: float) -> NDArray[np.float64]:
+        return np.full(n_rows, fill) if values is None else np.asarray(values, dtype=np.float64)
+
+    repeats = column(n_repeats, np.nan)
+    repeated = np.nan_to_num(repeats, nan=1.0) > 1
+    columns = Readings(
+        polarization=np.asarray(polarization, dtype=np.str_),
+        theta_i_deg=column(theta_i_deg, np.nan),
+        theta_r_deg=column(theta_r_deg, np.nan),
+        phi_r_deg=column(phi_r_deg, 0.0),
+        value=column(value, np.nan),
+        u_value=column(sigma, np.nan) / np.sqrt(np.where(repeated, repeats, 1.0)),
+        repeated=repeated,
+        row=np.zeros(n_rows, np.int64) if row is None else np.asarray(row, dtype=np.int64),
+    )
+    labels = np.full(n_rows, "") if scan is None else np.asarray(scan, dtype=np.str_)
+    rank = _rank(columns.polarization, POLARIZATIONS)
+
+    is_brdf = quantity == "brdf"
+    phi = np.where(is_brdf, columns.phi_r_deg, 0.0)
+    theta_r = np.where(is_brdf, columns.theta_r_deg, 0.0)
+    label_rank = _rank(labels, sorted(set(labels.tolist())))
+    order = np.lexsort((columns.row, theta_r, label_rank, phi, rank, columns.theta_i_deg))
+    brdf_rows = order[is_brdf[order]]
+    dhr_order = np.lexsort((columns.row, columns.theta_i_deg, rank))
+    dhr_rows = dhr_order[~is_brdf[dhr_order]]
+    brdf = _take(columns, brdf_rows)
+    return Measurement(
+        sample=sample,
+        wavelength_um=float(wavelength_um),
+        brdf=brdf,
+        dhr=_take(columns, dhr_rows),
+        scans=_group_scans(brdf, label_rank[brdf_rows], labels[brdf_rows]),
+        excluded=dict(excluded or {}),
+        source=source,
+        sha256=sha256,
+        warnings=warnings,
+    )
+
+
+def _take(readings: Readings, rows: NDArray[np.int64]) -> Readings:
+    """Select rows of every column."""
+    return Readings(**{name: getattr(readings, name)[rows] for name in readings.__dict__})
+
+
+def _rank(words: NDArray[np.str_], ordered: Sequence[str]) -> NDArray[np.int64]:
+    """Place of each word among the ordered ones."""
+    place = {word: index for index, word in enumerate(ordered)}
+    return np.fromiter(map(place.__getitem__, words.tolist()), np.int64, words.size)
+
+
+def _group_scans(
+    brdf: Readings, label_rank: NDArray[np.int64], labels: NDArray[np.str_]
+) -> tuple[Scan, ...]:
+    """Cut rows sorted by scan where incidence, polarisation, azimuth or label changes."""
+    if len(brdf) == 0:
+        return ()
+    keys = (brdf.theta_i_deg, brdf.polarization, brdf.phi_r_deg, label_rank)
+    new = np.zeros(len(brdf), dtype=bool)
+    for key in keys:
+        new[1:] |= key[1:] != key[:-1]
+    starts = np.concatenate([[0], np.flatnonzero(new), [len(brdf)]])
+    scans: list[Scan] = []
+    for start, stop in zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True):
+        theta_i, pol, phi = (
+            float(brdf.theta_i_deg[start]),
+            str(brdf.polarization[start]),
+            float(brdf.phi_r_deg[start]),
+        )
+        label = f"{pol} {theta_i:.8g} deg"
+        label += f" phi {phi:.8g} deg" if phi else ""
+        label += f" {labels[start]}" if labels[start] else ""
+        scans.append(Scan(label, pol, theta_i, phi, start, stop))
+    return tuple(scans)
+
+
+def select_scans(measurement: Measurement, keep: NDArray[np.bool_], *, dhr: bool) -> Measurement:
+    """Copy with only some scans (``keep``, shape (n_scans,)), with or without the DHR readings."""
+    chosen = [scan for scan, use in zip(measurement.scans, keep, strict=True) if use]
+    rows = np.concatenate(
+        [np.arange(scan.start, scan.stop) for scan in chosen] or [np.zeros(0, np.int64)]
+    )
+    starts = np.cumsum([0, *(len(scan) for scan in chosen)])
+    scans = tuple(
+        Scan(s.label, s.polarization, s.theta_i_deg, s.phi_r_deg, int(a), int(b))
+        for s, a, b in zip(chosen, starts[:-1], starts[1:], strict=True)
+    )
+    no_rows = np.zeros(0, np.int64)
+    return Measurement(
+        sample=measurement.sample,
+        wavelength_um=measurement.wavelength_um,
+        brdf=_take(measurement.brdf, rows.astype(np.int64)),
+        dhr=measurement.dhr if dhr else _take(measurement.dhr, no_rows),
+        scans=scans,
+        source=measurement.source,
+        sha256=measurement.sha256,
+    )

@@ -1,0 +1,252 @@
+"""The four-parameter model for direct use, in degrees: parameters, BRDF, DHR.
+
+Equation numbers are those of Renhorn, Hallberg, Bergstrom, Boreman, "Four-parameter model for
+polarization-resolved rough-surface BRDF", Opt. Express 19, 1027 (2011),
+doi:10.1364/OE.19.001027.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from math import isfinite, log10
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pbrdf_bayes.errors import DomainError
+from pbrdf_bayes.physics.brdf import evaluate, prepare_geometry
+
+Array = NDArray[np.float64]
+
+DOMAIN: Mapping[str, tuple[float, float]] = {
+    "n": (0.05, 6.0),
+    "k": (0.0, 12.0),
+    "sigma_n0": (0.0, 1.0),
+    "rho0": (1e-3, 4.0),
+}
+"""Where the model is computed; the accuracy is tested there for n >= 1 or k >= 1."""
+MAX_THETA_I_DEG = 89.95
+_NO_ANGLES = np.zeros(0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameters:
+    """The four parameters of the model.
+
+    Attributes
+    ----------
+    n, k : float
+        Effective refractive index n - ik [1].
+    sigma_n0 : float
+        Grazing-absorption factor: DHR_q = sigma_n0 F_q, in [0, 1] [1].
+    rho0 : float
+        Roughness: half width at half maximum of the lobe at normal incidence, in direction
+        cosine [1].
+
+    Raises
+    ------
+    DomainError
+        When a value is outside `DOMAIN`, not a number, or n = 1 with k = 0 (no surface).
+
+    Examples
+    --------
+    The green paint of the paper at 3.39 um:
+
+    >>> Parameters(n=1.526, k=0.193, sigma_n0=0.4528, rho0=0.47).n
+    1.526
+    """
+
+    n: float
+    k: float
+    sigma_n0: float
+    rho0: float
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            low, high = DOMAIN[field.name]
+            if not (isinstance(value, (int, float, np.number)) and low <= value <= high):
+                msg = f"{field.name} = {value!r} is outside the model's domain [{low:g}, {high:g}]"
+                raise DomainError(msg)
+        if self.n == 1.0 and self.k == 0.0:
+            msg = "n = 1 with k = 0 is no surface: nothing is reflected. Allowed: n != 1 or k > 0"
+            raise DomainError(msg)
+        if self.n < 1.0 and self.k < 0.1:
+            msg = (
+                f"n = {self.n!r} with k = {self.k!r} reflects totally beyond a critical angle, "
+                "where the lobe has no width. Allowed below n = 1: k >= 0.1"
+            )
+            raise DomainError(msg)
+
+    def as_array(self) -> Array:
+        """Values as an array, shape (4,), in the order n, k, sigma_n0, rho0."""
+        return np.array([self.n, self.k, self.sigma_n0, self.rho0], dtype=np.float64)
+
+
+def brdf(
+    parameters: Parameters,
+    theta_i_deg: ArrayLike,
+    theta_r_deg: ArrayLike,
+    polarization: str = "s",
+    *,
+    phi_r_deg: ArrayLike = 0.0,
+    rtol: float = 1e-8,
+) -> Array:
+    """Polarised BRDF, Eqs. (3)-(6).
+
+    Parameters
+    ----------
+    parameters : Parameters
+    theta_i_deg : array_like
+        Angle of incidence, [0, 89.95] [deg].
+    theta_r_deg : array_like
+        Angle of scattering, [-90, 90] [deg]; + is the forward (specular) side.
+    polarization : {"s", "p", "u"}
+        ``u`` is the mean of s and p (Eq. 6).
+    phi_r_deg : array_like
+        Azimuth of the scattering direction [deg]; 0 is the plane of incidence. The direction
+        cosines are alpha = sin(theta_r) cos(phi_r) and beta = sin(theta_r) sin(phi_r).
+    rtol : float
+        Relative tolerance of the normalisation, in [1e-12, 1e-2].
+
+    Returns
+    -------
+    ndarray
+        BRDF [sr^-1], of the broadcast shape of the angles.
+
+    Raises
+    ------
+    DomainError
+        When an angle, the polarisation or the tolerance is not allowed.
+
+    Notes
+    -----
+    The relative error is below 10 ``rtol`` for n in [1.0005, 6] with k in [0, 10] and for metals
+    with n in [0.1, 1] and k in [1, 8] (``tests/physics/test_accuracy.py``).
+
+    Examples
+    --------
+    >>> green = Parameters(n=1.526, k=0.193, sigma_n0=0.4528, rho0=0.47)
+    >>> print(brdf(green, 20.0, [-40.0, 0.0, 20.0], "s").round(6))
+    [0.003834 0.013491 0.025692]
+    """
+    angles = np.broadcast_arrays(
+        _checked("theta_i_deg", theta_i_deg, 0.0, MAX_THETA_I_DEG),
+        _checked("theta_r_deg", theta_r_deg, -90.0, 90.0),
+        _checked("phi_r_deg", phi_r_deg, -360.0, 360.0),
+    )
+    theta_i, theta_r, phi_r = (np.deg2rad(angle.ravel()) for angle in angles)
+    geometry = prepare_geometry(
+        theta_i=theta_i,
+        theta_r=theta_r,
+        phi_r=phi_r,
+        polarization=np.full(theta_i.size, _checked_polarization(polarization)),
+        dhr_theta_i=_NO_ANGLES,
+        dhr_polarization=np.zeros(0, np.str_),
+    )
+    values, _ = evaluate(geometry, parameters.as_array()[None, :], digits_of(rtol))
+    return values[0].reshape(angles[0].shape)
+
+
+def dhr(parameters: Parameters, theta_i_deg: ArrayLike, polarization: str = "s") -> Array:
+    """Directional hemispherical reflectance, Eq. (2): sigma_n0 F_q(theta_i).
+
+    Parameters
+    ----------
+    parameters : Parameters
+    theta_i_deg : array_like
+        Angle of incidence, [0, 89.95] [deg].
+    polarization : {"s", "p", "u"}
+
+    Returns
+    -------
+    ndarray
+        DHR [1], of the shape of ``theta_i_deg``.
+
+    Raises
+    ------
+    DomainError
+        When an angle or the polarisation is not allowed.
+
+    Examples
+    --------
+    >>> green = Parameters(n=1.526, k=0.193, sigma_n0=0.4528, rho0=0.47)
+    >>> print(dhr(green, [10.0, 80.0], "p").round(5))
+    [0.02128 0.10927]
+    """
+    angles = _checked("theta_i_deg", theta_i_deg, 0.0, MAX_THETA_I_DEG)
+    geometry = prepare_geometry(
+        theta_i=_NO_ANGLES,
+        theta_r=_NO_ANGLES,
+        phi_r=_NO_ANGLES,
+        polarization=np.zeros(0, np.str_),
+        dhr_theta_i=np.deg2rad(angles.ravel()),
+        dhr_polarization=np.full(angles.size, _checked_polarization(polarization)),
+    )
+    _, values = evaluate(geometry, parameters.as_array()[None, :], 6.0)
+    return values[0].reshape(angles.shape)
+
+
+def reciprocity_ratio(
+    parameters: Parameters, theta_a_deg: float, theta_b_deg: float, polarization: str = "s"
+) -> float:
+    """f(a -> b) / f(b -> a) in plane, 1 for a reciprocal BRDF [1].
+
+    The paper calls the model reciprocal. Its factor sigma_N^q depends on the angle of incidence
+    (Eq. 4), so that the ratio is not 1.
+
+    Parameters
+    ----------
+    parameters : Parameters
+    theta_a_deg, theta_b_deg : float
+        Angles in the plane of incidence, forward side, [0, 89.95] [deg].
+    polarization : {"s", "p", "u"}
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> green = Parameters(n=1.526, k=0.193, sigma_n0=0.4528, rho0=0.47)
+    >>> round(reciprocity_ratio(green, 20.0, 60.0, "s"), 2)
+    1.2
+    >>> round(reciprocity_ratio(green, 20.0, 60.0, "p"), 1)
+    5.7
+    """
+    there, back = brdf(
+        parameters, [theta_a_deg, theta_b_deg], [theta_b_deg, theta_a_deg], polarization
+    )
+    return float(there / back)
+
+
+def digits_of(rtol: float) -> float:
+    """Decimal digits asked of the quadrature for a relative tolerance.
+
+    Raises
+    ------
+    DomainError
+        Outside [1e-12, 1e-2].
+    """
+    if not 1e-12 <= rtol <= 1e-2:
+        msg = f"rtol = {rtol!r} is not allowed: give a tolerance in [1e-12, 1e-2]"
+        raise DomainError(msg)
+    return -log10(rtol)
+
+
+def _checked(name: str, values: ArrayLike, low: float, high: float) -> Array:
+    array = np.asarray(values, dtype=np.float64)
+    bad = array[~((array >= low) & (array <= high))]
+    if bad.size:
+        hint = "" if isfinite(bad.flat[0]) else " (not a finite number)"
+        msg = f"{name} = {bad.flat[0]!r}{hint} is not allowed: give degrees in [{low:g}, {high:g}]"
+        raise DomainError(msg)
+    return array
+
+
+def _checked_polarization(polarization: str) -> str:
+    if polarization not in ("s", "p", "u"):
+        msg = f"polarization = {polarization!r} is not known. Allowed: 's', 'p', 'u'"
+        raise DomainError(msg)
+    return polarization

@@ -1,0 +1,1 @@
+"""The four-parameter polarised BRDF model: numpy and numba; knows no data, priors or files."""

@@ -1,0 +1,127 @@
+"""All figures of the report, section by section, from one analysis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from pbrdf_bayes.report.arrays import (
+    curves_of,
+    dhr_curves_of,
+    dhr_points_of,
+    draws_of,
+    ensembles_of,
+    held_out_of,
+    scans_of,
+)
+from pbrdf_bayes.report.figures_brdf import (
+    MOST_PLANES,
+    MOST_POINTS,
+    Picture,
+    held_out_pictures,
+    key_picture,
+    plane_pictures,
+    planes_of,
+    worst_planes,
+)
+from pbrdf_bayes.report.figures_dhr import dhr_pictures
+from pbrdf_bayes.report.figures_posterior import Sample, chain_pictures, corner_picture
+from pbrdf_bayes.report.figures_residuals import residual_pictures, worst_scans
+from pbrdf_bayes.report.numbers import count, finite, number
+from pbrdf_bayes.report.svg import figure_style
+from pbrdf_bayes.results import Analysis
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Pictures of each section; an empty list where the run has none."""
+
+    key: Picture | None
+    key_caption: str
+    measured: list[Picture]
+    between: list[Picture]
+    dhr: list[Picture]
+    residuals: list[Picture]
+    held_out: list[Picture]
+    corner: Picture | None
+    chains: list[Picture]
+    polarizations: tuple[str, ...]
+    remarks: dict[str, str] = field(default_factory=dict)
+
+
+def draw_figures(analysis: Analysis) -> Figures:
+    """Draw every figure the analysis has data for.
+
+    Parameters
+    ----------
+    analysis : Analysis
+
+    Returns
+    -------
+    Figures
+    """
+    with figure_style():
+        return _draw(analysis)
+
+
+def _draw(analysis: Analysis) -> Figures:
+    scans = scans_of(analysis)
+    curves, between = curves_of(analysis, measured=True), curves_of(analysis, measured=False)
+    planes, shown = planes_of(curves, scans), worst_scans(scans)
+    dhr = dhr_pictures(dhr_curves_of(analysis), dhr_points_of(analysis))
+    samples = samples_of(analysis)
+    physical = [s for s in samples if analysis.summary["parameters"][s.name]["kind"] == "physical"]
+    key, caption = _key(analysis, dhr)
+    return Figures(
+        key=key,
+        key_caption=caption,
+        measured=plane_pictures(worst_planes(planes), name="brdf"),
+        between=plane_pictures(planes_of(between, [])[:MOST_PLANES], name="between"),
+        dhr=dhr,
+        residuals=residual_pictures(shown, curves),
+        held_out=held_out_pictures(held_out_of(analysis), curves),
+        corner=corner_picture(physical) if physical else None,
+        chains=chain_pictures(samples, ensembles_of(analysis)),
+        polarizations=_polarizations([c.polarization for c in [*curves, *between]]),
+        remarks=_remarks(len(planes), len(scans), max((s.value.size for s in scans), default=0)),
+    )
+
+
+def samples_of(analysis: Analysis) -> list[Sample]:
+    """Draws of every parameter the posterior holds."""
+    found = []
+    for name, record in analysis.summary["parameters"].items():
+        posterior = draws_of(analysis, "posterior", name)
+        if posterior.size:
+            prior = draws_of(analysis, "prior", name)
+            found.append(Sample(name, record["symbol"], posterior, prior, finite(record["map"])))
+    return found
+
+
+def _key(analysis: Analysis, dhr: Sequence[Picture]) -> tuple[Picture | None, str]:
+    """Picture of the first screen: the worst-fitting scan plane, or else the DHR."""
+    scans = scans_of(analysis)
+    if scans:
+        picture, plane = key_picture(planes_of(curves_of(analysis, measured=True), scans))
+        which = "The scan plane" if len(analysis.summary["input"]["scans"]) == 1 else "The worst-fitting plane"
+        return picture, f"{which}, {plane.title}: rms {number(plane.rms_dex, digits=2)} dex."
+    return (dhr[0], "Directional-hemispherical reflectance.") if dhr else (None, "")
+
+
+def _remarks(n_planes: int, n_scans: int, longest: int) -> dict[str, str]:
+    """Say where a figure leaves something out."""
+    found = {}
+    if n_planes > MOST_PLANES:
+        found["measured"] = f"The {MOST_PLANES} worst-fitting of {count(n_planes)} scan planes are drawn."
+    if n_scans > MOST_PLANES:
+        found["residuals"] = f"The {MOST_PLANES} worst-fitting of {count(n_scans)} scans are drawn."
+    if longest > MOST_POINTS:
+        found["points"] = (
+            f"At most {MOST_POINTS} readings of a scan are drawn here, evenly thinned; "
+            f"the fit uses all (up to {count(longest)} in a scan)."
+        )
+    return found
+
+
+def _polarizations(words: Sequence[str]) -> tuple[str, ...]:
+    return tuple(p for p in ("s", "p", "u") if p in words)

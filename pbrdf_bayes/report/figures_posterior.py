@@ -1,0 +1,211 @@
+"""The posterior: pairs of parameters against their priors, and the agreement of the ensembles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from contourpy import FillType, contour_generator
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, gaussian_filter1d
+from scipy.stats import rankdata
+
+from pbrdf_bayes.report.figures_brdf import WIDTH, Picture
+from pbrdf_bayes.report.numbers import rounded
+from pbrdf_bayes.report.panel import (
+    ENSEMBLE_LOOKS,
+    FAINT,
+    INK,
+    MUTED,
+    Panel,
+    linear_ticks,
+    new_figure,
+)
+from pbrdf_bayes.report.svg import inline_svg
+
+Array = NDArray[np.float64]
+CELL, GAP, LEFT, BELOW = 138.0, 14.0, 62.0, 40.0
+MARGINAL, JOINT = 70, 44
+"""Bins of the one- and the two-dimensional histograms before smoothing."""
+SHADE = "#2b5d86"
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Draws of one parameter, shape (n_chain, n_draw), with what the corner plot writes."""
+
+    name: str
+    symbol: str
+    posterior: Array
+    prior: Array
+    map: float | None
+
+    @property
+    def view(self) -> tuple[float, float]:
+        """Limits of the axes: all but the last permille of the draws."""
+        flat = self.posterior[np.isfinite(self.posterior)]
+        low, high = np.quantile(flat, [0.0005, 0.9995]).tolist() if flat.size else (0.0, 1.0)
+        pad = 0.04 * (high - low) or 1e-3 * (abs(high) or 1.0)
+        return low - pad, high + pad
+
+
+def corner_picture(samples: Sequence[Sample]) -> Picture:
+    """Marginal densities with the prior on the diagonal, joint densities below it."""
+    n = len(samples)
+    size = LEFT + n * CELL + (n - 1) * GAP + 12, BELOW + n * CELL + (n - 1) * GAP + 20
+    figure = new_figure(*size)
+    for row, y in enumerate(samples):
+        for column, x in enumerate(samples[: row + 1]):
+            left = LEFT + column * (CELL + GAP)
+            bottom = BELOW + (n - 1 - row) * (CELL + GAP)
+            box = (left, bottom, CELL, CELL)
+            if row == column:
+                _marginal(figure, box, x, last=row == n - 1)
+            else:
+                _joint(figure, box, x, y, first=column == 0, last=row == n - 1)
+    label = "Posterior of " + "; ".join(_label(s) for s in samples)
+    return Picture(inline_svg(figure, name="corner", label=label), "Posterior and prior")
+
+
+def chain_pictures(samples: Sequence[Sample], ensembles: NDArray[np.int64]) -> list[Picture]:
+    """Return traces and rank histograms by ensemble, one panel per parameter."""
+    found = []
+    for i, sample in enumerate(samples):
+        if sample.posterior.size == 0:
+            continue
+        figure = new_figure(WIDTH, 140)
+        _trace(figure, sample, ensembles)
+        spread = _ranks(figure, sample, ensembles)
+        n = np.unique(ensembles).size
+        label = f"Trace and ranks of {sample.symbol} in {n} ensembles: the ranks of one ensemble deviate "
+        label += f"from uniform by at most {100 * spread:.0f} %"
+        svg = inline_svg(figure, name=f"chain{i}", label=label)
+        found.append(Picture(svg, sample.symbol))
+    return found
+
+
+def _marginal(figure: Figure, box: tuple[float, float, float, float], x: Sample, *, last: bool) -> None:
+    low, high = x.view
+    posterior, prior = _density(x.posterior, x.view), _density(x.prior, x.view)
+    top = 1.12 * max(posterior.max(initial=0.0), prior.max(initial=0.0), 1e-300)
+    panel = Panel(figure, *box, x=(low, high), y=(0.0, top))
+    _x_ticks(panel, x, labels=last)
+    centres = np.linspace(low, high, MARGINAL)
+    panel.fill(centres, np.zeros(MARGINAL), posterior, SHADE, 0.25)
+    panel.line(centres, posterior, SHADE, 1.3)
+    panel.line(centres, prior, MUTED, 1.3, (4.0, 2.5))
+    if x.map is not None and low < x.map < high:
+        panel.segments([(x.map, 0, x.map, top)], INK, 0.9, (1.5, 1.5))
+    panel.words(CELL / 2, CELL + 6, x.symbol, color=INK, size=12.5)
+
+
+def _joint(
+    figure: Figure, box: tuple[float, float, float, float], x: Sample, y: Sample,
+    *, first: bool, last: bool,
+) -> None:  # fmt: skip
+    panel = Panel(figure, *box, x=x.view, y=y.view)
+    _x_ticks(panel, x, labels=last)
+    ticks, labels = linear_ticks(*y.view, 3)
+    panel.y_axis(ticks, labels if first else [""] * len(ticks))
+    if first:
+        panel.words(-LEFT + 2, CELL - 2, y.symbol, color=INK, size=12.5, align="left")
+    panel.segments([(x.view[0], y.view[0], x.view[0], y.view[1])], color=FAINT, clip=False)
+    for (level, upper), alpha in zip(_levels(x, y), (0.18, 0.5), strict=True):
+        for path in _areas(x, y, level, upper):
+            patch = PathPatch(path, facecolor=SHADE, edgecolor=SHADE, lw=0.8, alpha=alpha)
+            panel._add(patch)
+    if x.map is not None and y.map is not None:
+        panel.dots(np.array([x.map]), np.array([y.map]), INK, size=4.0)
+
+
+def _x_ticks(panel: Panel, x: Sample, *, labels: bool) -> None:
+    ticks, words = linear_ticks(*x.view, 3)
+    panel.x_axis(ticks, words if labels else [""] * len(ticks))
+    if labels:
+        panel.words(CELL / 2, -30, x.symbol, color=INK, size=12.5)
+
+
+def _density(draws: Array, view: tuple[float, float]) -> Array:
+    """Smoothed histogram; mirrored at the ends, so that a bound keeps its step."""
+    flat = draws[np.isfinite(draws)]
+    if flat.size == 0:
+        return np.zeros(MARGINAL)
+    counts, edges = np.histogram(flat, bins=MARGINAL, range=view)
+    width = edges[1] - edges[0]
+    smooth = gaussian_filter1d(counts.astype(np.float64), 1.6, mode="nearest")
+    return np.asarray(smooth / (flat.size * width))
+
+
+def _histogram(x: Sample, y: Sample) -> Array:
+    counts, _, _ = np.histogram2d(
+        x.posterior.ravel(), y.posterior.ravel(), bins=JOINT, range=(x.view, y.view)
+    )
+    return np.asarray(gaussian_filter(counts, 1.5, mode="nearest"))
+
+
+def _levels(x: Sample, y: Sample) -> list[tuple[float, float]]:
+    """Density above which 90 and 50 % of the draws lie, with an upper end for both."""
+    ordered = np.sort(_histogram(x, y).ravel())[::-1]
+    share = np.cumsum(ordered) / max(ordered.sum(), 1e-300)
+    top = 2 * float(ordered[0]) + 1.0
+    return [(float(ordered[np.searchsorted(share, p).clip(0, share.size - 1)]), top) for p in (0.9, 0.5)]
+
+
+def _areas(x: Sample, y: Sample, level: float, upper: float) -> list[Path]:
+    """Outline of the density above a level."""
+    at = [np.linspace(*s.view, 2 * JOINT + 1)[1::2] for s in (x, y)]
+    generator = contour_generator(*at, _histogram(x, y).T, fill_type=FillType.OuterCode)
+    points, codes = generator.filled(level, upper)
+    return [Path(p, c) for p, c in zip(points, codes, strict=True) if p is not None]
+
+
+def _trace(figure: Figure, sample: Sample, ensembles: NDArray[np.int64]) -> None:
+    """Median and 90 % range of the walkers of each ensemble along the run."""
+    n_draw = sample.posterior.shape[1]
+    panel = Panel(figure, 52, 34, 166, 84, (0, max(n_draw - 1, 1)), sample.view)
+    panel.x_axis(*_draw_ticks(n_draw), "draw")
+    panel.y_axis(*linear_ticks(*sample.view, 3))
+    steps = np.array_split(np.arange(n_draw), min(n_draw, 60))
+    middle = np.array([s.mean() for s in steps])
+    for i, ensemble in enumerate(np.unique(ensembles)):
+        color, dash = ENSEMBLE_LOOKS[i % len(ENSEMBLE_LOOKS)]
+        chains = sample.posterior[ensembles == ensemble]
+        q = np.array([np.quantile(chains[:, s], [0.05, 0.5, 0.95]) for s in steps])
+        panel.line(middle, q[:, 1], color, 1.3, dash)
+        for k in (0, 2):
+            panel.line(middle, q[:, k], color, 0.6)
+
+
+def _ranks(figure: Figure, sample: Sample, ensembles: NDArray[np.int64]) -> float:
+    """Histogram of the ranks of each ensemble among all draws; the largest deviation from 1."""
+    ranks = rankdata(sample.posterior).reshape(sample.posterior.shape) / sample.posterior.size
+    panel = Panel(figure, 252, 34, 82, 84, (0.0, 1.0), (0.0, 2.0))
+    panel.x_axis([0, 0.5, 1], ["0", "½", "1"], "rank")
+    panel.y_axis([0, 1, 2], ["0", "1", "2"])
+    worst = 0.0
+    for i, ensemble in enumerate(np.unique(ensembles)):
+        color, dash = ENSEMBLE_LOOKS[i % len(ENSEMBLE_LOOKS)]
+        mine = ranks[ensembles == ensemble]
+        counts, edges = np.histogram(mine, bins=10, range=(0, 1))
+        relative = counts * 10 / mine.size
+        worst = max(worst, float(np.abs(relative - 1).max()))
+        panel.line(np.repeat(edges, 2)[1:-1], np.repeat(relative, 2), color, 1.1, dash)
+    return worst
+
+
+def _draw_ticks(n_draw: int) -> tuple[list[float], list[str]]:
+    ticks, labels = linear_ticks(0, max(n_draw - 1, 1), 3)
+    return ticks, labels
+
+
+def _label(sample: Sample) -> str:
+    flat = sample.posterior[np.isfinite(sample.posterior)]
+    if flat.size == 0:
+        return f"{sample.symbol}: no draws"
+    low, high = np.quantile(flat, [0.025, 0.975])
+    r = rounded(flat.mean(), flat.std(), low=low, high=high)
+    return f"{sample.symbol} {r.value} ± {r.uncertainty} (95 % {r.low} to {r.high})"

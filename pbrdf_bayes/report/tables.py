@@ -1,0 +1,296 @@
+"""The tables of the report as records of finished text; the template only places them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup, escape
+from numpy.typing import NDArray
+
+from pbrdf_bayes.report.numbers import (
+    MISSING,
+    THIN,
+    count,
+    degrees,
+    dex_as_percent,
+    finite,
+    fixed,
+    number,
+    percent,
+    rounded,
+    seconds,
+)
+
+Record = Mapping[str, Any]
+ORDER = {"FAIL": 0, "WARN": 1, "PASS": 2, "SKIP": 3}
+
+
+@dataclass(frozen=True)
+class Bar:
+    """Where the posterior lies in the prior, per cent of the prior's 95 % interval."""
+
+    left: float
+    width: float
+    words: str
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """One parameter: posterior, sampling error and prior."""
+
+    name: str
+    symbol: Markup
+    description: str
+    unit: str
+    physical: bool
+    identified: bool
+    mean: str
+    sd: str
+    low: str
+    high: str
+    map: str
+    mcse: str
+    rhat: str
+    ess_bulk: str
+    ess_tail: str
+    prior: str
+    contraction: str
+    bar: Bar | None
+
+
+@dataclass(frozen=True)
+class CheckRow:
+    """A check of the data or a diagnostic of the fit."""
+
+    title: str
+    verdict: str
+    value: str
+    threshold: str
+    statement: str
+    advice: str
+
+
+@dataclass(frozen=True)
+class CorrelationRow:
+    """A line of the correlation matrix up to the diagonal: text, background, ink."""
+
+    symbol: Markup
+    cells: tuple[tuple[str, str, str], ...]
+
+
+def symbol_markup(symbol: str) -> Markup:
+    """Return a symbol with what follows its first underscore as a subscript.
+
+    Examples
+    --------
+    >>> str(symbol_markup("σ_N0")), str(symbol_markup("n"))
+    ('σ<sub>N0</sub>', 'n')
+    """
+    head, _, tail = symbol.partition("_")
+    lowered = Markup("<sub>{}</sub>").format(tail) if tail else Markup("")
+    return Markup("{}{}").format(head, lowered)
+
+
+def parameter_rows(summary: Record, priors: Mapping[str, NDArray[np.float64]]) -> list[ParameterRow]:
+    """Physical parameters first, in the order of the summary.
+
+    Parameters
+    ----------
+    summary : mapping
+    priors : mapping of str to ndarray
+        Draws of the prior of each parameter, for the bar that shows where the posterior lies in it.
+    """
+    items = sorted(summary["parameters"].items(), key=lambda item: item[1]["kind"] != "physical")
+    return [_parameter_row(name, p, priors.get(name, np.zeros(0))) for name, p in items]
+
+
+def _parameter_row(name: str, p: Record, prior: NDArray[np.float64]) -> ParameterRow:
+    r = rounded(p["mean"], p["sd"], low=p["q025"], high=p["q975"], at_map=p["map"])
+    return ParameterRow(
+        name=name,
+        symbol=symbol_markup(p["symbol"]),
+        description=p["description"],
+        unit="" if p["unit"] in ("", "1") else p["unit"],
+        physical=p["kind"] == "physical",
+        identified=bool(p["identified"]),
+        mean=r.value,
+        sd=r.uncertainty,
+        low=r.low,
+        high=r.high,
+        map=r.map,
+        mcse=number(p["mcse_mean"], digits=2),
+        rhat=fixed(p["rhat"], 4 if (finite(p["rhat"]) or 2) < 1.1 else 2),
+        ess_bulk=count(p["ess_bulk"]),
+        ess_tail=count(p["ess_tail"]),
+        prior=p["prior"],
+        contraction=_contraction(p["contraction"]),
+        bar=_bar(p, prior),
+    )
+
+
+def _contraction(value: Any) -> str:
+    x = finite(value)
+    if x is None:
+        return MISSING
+    return ">0.999" if x > 0.9995 else fixed(x, 3)
+
+
+def _bar(p: Record, prior: NDArray[np.float64]) -> Bar | None:
+    """Interval of the posterior within that of the prior."""
+    draws, low, high = prior[np.isfinite(prior)], finite(p["q025"]), finite(p["q975"])
+    if draws.size < 20 or low is None or high is None:
+        return None
+    start, end = np.quantile(draws, [0.025, 0.975]).tolist()
+    if not end > start:
+        return None
+    left = float(np.clip(100 * (low - start) / (end - start), 0, 100))
+    right = float(np.clip(100 * (high - start) / (end - start), 0, 100))
+    width = max(right - left, 1.5)
+    words = f"prior 95 % {number(start)} to {number(end)}; posterior covers {number(right - left, digits=2)} % of it"
+    return Bar(round(min(left, 100 - width), 2), round(width, 2), words)
+
+
+def check_rows(summary: Record) -> tuple[list[CheckRow], list[CheckRow]]:
+    """Checks of the data and diagnostics of the fit."""
+    data = [_check_row(c) for c in summary["input"]["checks"]]
+    return data, [_check_row(c) for c in summary["diagnostics"].values()]
+
+
+def attention(rows: Sequence[CheckRow]) -> list[CheckRow]:
+    """Return what did not pass, failures first."""
+    return sorted((r for r in rows if r.verdict in ("FAIL", "WARN")), key=lambda r: ORDER[r.verdict])
+
+
+def tally(rows: Sequence[CheckRow]) -> str:
+    """Count the verdicts in words.
+
+    Examples
+    --------
+    >>> tally([CheckRow("a", v, "", "", "", "") for v in ("PASS", "PASS", "WARN", "SKIP")])
+    '2 checks passed, 1 warning, 1 not applicable'
+    """
+    words = {"PASS": ("check passed", "checks passed"), "FAIL": ("failure", "failures"),
+             "WARN": ("warning", "warnings"), "SKIP": ("not applicable", "not applicable")}  # fmt: skip
+    counts = {v: sum(r.verdict == v for r in rows) for v in words}
+    return ", ".join(f"{n} {words[v][n != 1]}" for v, n in counts.items() if n)
+
+
+def _check_row(check: Record) -> CheckRow:
+    unit = check["unit"] or ""
+    unit = "" if unit == "1" else unit
+    has_value = finite(check["value"]) is not None
+    return CheckRow(
+        title=check["title"],
+        verdict=check["verdict"],
+        value=_with_unit(check["value"], unit) if has_value else number(check["value"]),
+        threshold=_with_unit(check["threshold"], unit),
+        statement=check["statement"],
+        advice=check["advice"] or "",
+    )
+
+
+def _with_unit(value: Any, unit: str) -> str:
+    text = number(value)
+    return text if text == MISSING or not unit else f"{text}{THIN}{unit}"
+
+
+def correlation_rows(summary: Record) -> list[CorrelationRow]:
+    """Lower triangle of the correlation matrix of the posterior."""
+    names, matrix = summary["correlation"]["names"], summary["correlation"]["matrix"]
+    symbols = [summary["parameters"].get(n, {}).get("symbol", n) for n in names]
+    return [
+        CorrelationRow(symbol_markup(symbols[i]), tuple(_cell(v) for v in row[: i + 1]))
+        for i, row in enumerate(matrix)
+    ]
+
+
+def _cell(value: Any) -> tuple[str, str, str]:
+    """Text of a correlation, its background and its ink: blue positive, orange negative."""
+    r = finite(value)
+    if r is None:
+        return MISSING, "#f4f5f6", "#59636e"
+    full = (0, 103, 165) if r > 0 else (194, 77, 0)
+    weight = min(abs(r), 1.0) ** 1.3 * 0.82
+    mixed = [round(255 + (c - 255) * weight) for c in full]
+    ink = "#ffffff" if weight > 0.55 else "#1c2126"
+    return fixed(r, 2), f"rgb({mixed[0]},{mixed[1]},{mixed[2]})", ink
+
+
+def scan_rows(summary: Record) -> list[tuple[str, ...]]:
+    """One line per scan: geometry, range, residuals."""
+    return [
+        (
+            s["label"], s["polarization"], degrees(s["theta_i_deg"]), degrees(s["phi_r_deg"]),
+            count(s["n"]), f"{degrees(s['theta_r_min_deg'])} to {degrees(s['theta_r_max_deg'])}",
+            f"{number(s['value_min'])} to {number(s['value_max'])}",
+            number(s["rms_dex"], digits=2), number(s["bias_dex"], digits=2), fixed(s["lag1"], 2),
+        )
+        for s in summary["input"]["scans"]
+    ]  # fmt: skip
+
+
+def optima_rows(summary: Record) -> tuple[list[Markup], list[tuple[str, ...]]]:
+    """Symbols, and one line per distinct optimum of the posterior density."""
+    optima, parameters = summary["map"]["optima"], summary["parameters"]
+    names = [n for n in parameters if any(n in o["parameters"] for o in optima)]
+    lines = [
+        (
+            str(rank), fixed(o["log_posterior"], 2), fixed(o["delta"], 2), count(o["n_starts"]),
+            *(_like(o["parameters"].get(n), parameters[n]) for n in names),
+        )
+        for rank, o in enumerate(optima, start=1)
+    ]  # fmt: skip
+    return [symbol_markup(parameters[n]["symbol"]) for n in names], lines
+
+
+def _like(value: Any, parameter: Record) -> str:
+    """Value to the digits of the uncertainty of its parameter."""
+    return rounded(value, parameter["sd"]).value
+
+
+def holdout_rows(summary: Record) -> list[tuple[str, ...]]:
+    """One line per scan that was left out, and the overall line last."""
+    record = summary["holdout"]
+    if not record:
+        return []
+    lines = [*record["scans"], {"label": "all", **record}]
+    return [
+        (
+            str(s["label"]), number(s["rms_dex"], digits=2), dex_as_percent(s["rms_dex"]),
+            percent(s["coverage_90"], digits=3), number(s["width_dex"], digits=2),
+            dex_as_percent(s["width_dex"]),
+        )
+        for s in lines
+    ]  # fmt: skip
+
+
+def facts(pairs: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Names and values of a record as text."""
+    return [(name.replace("_", " "), _plain(value)) for name, value in pairs.items()]
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, (int, float)):
+        return count(value) if isinstance(value, int) else number(value, digits=4)
+    return str(value) if value not in (None, "") else MISSING
+
+
+def timing_rows(summary: Record) -> list[tuple[str, str]]:
+    """Stage and duration, the sum last."""
+    timings = summary["timings"]
+    total = sum(v for v in (finite(t) for t in timings.values()) if v is not None)
+    lines = [(stage.replace("_", " "), seconds(t)) for stage, t in timings.items() if stage != "total"]
+    return [*lines, ("total", seconds(timings.get("total", total)))]
+
+
+def words_of(items: Sequence[str], none: str) -> str:
+    """Join words by commas, or what to say where there are none."""
+    return ", ".join(map(str, items)) or none
+
+
+__all__ = ["attention", "check_rows", "correlation_rows", "escape", "facts"]

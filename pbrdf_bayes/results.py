@@ -1,0 +1,66 @@
+"""What a fit leaves behind: frozen records, no computing.
+
+A run is one `Analysis`: a JSON-able summary, a tree of arrays and the resolved configuration.
+The run folder holds exactly these three, so a report made from disk equals one made from memory.
+
+``Analysis.draws`` is an `xarray.DataTree` in the ArviZ layout, with these groups:
+
+``posterior``, ``prior``
+    One variable per parameter, dimensions ``(chain, draw)``. A chain of the posterior is one
+    walker; the coordinate ``ensemble (chain)`` says which independent ensemble it belongs to.
+``sample_stats``
+    ``lp (chain, draw)``, ``acceptance_rate (chain)``.
+``observed_data``
+    ``brdf (brdf_obs)`` [sr^-1], ``dhr (dhr_obs)`` [1].
+``constant_data``
+    Over ``brdf_obs``: ``brdf_polarization, brdf_theta_i_deg, brdf_theta_r_deg, brdf_phi_r_deg,
+    brdf_scan`` (index into ``scan``), ``brdf_u`` (stated standard uncertainty, NaN where none),
+    ``brdf_row``, ``brdf_map`` (model at the MAP), ``brdf_best`` (model at the least-squares
+    optimum). Over ``dhr_obs``: ``dhr_polarization, dhr_theta_i_deg, dhr_u, dhr_row, dhr_map``.
+    Over ``scan``: coordinate ``scan`` holds the labels.
+``posterior_predictive``
+    ``brdf (chain, draw, brdf_obs)``, ``dhr (chain, draw, dhr_obs)``: replicated readings.
+``curves``
+    ``model_band, predictive_band (curve, theta_r_deg, quantile)``, ``map (curve, theta_r_deg)``
+    [sr^-1]; coordinates ``quantile`` (0.05, 0.25, 0.5, 0.75, 0.95), ``curve_polarization,
+    curve_theta_i_deg, curve_phi_r_deg, curve_measured (curve)``.
+``dhr_curves``
+    ``model_band, predictive_band (polarization, theta_i_deg, quantile)``,
+    ``map (polarization, theta_i_deg)`` [1].
+``holdout`` (where it was done)
+    Over ``holdout_obs``: ``scan`` (label), ``theta_r_deg``, ``value`` [sr^-1] and
+    ``predictive_band (holdout_obs, quantile)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+"""Quantiles of every stored band: the 50 % and the 90 % interval and the median."""
+
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """A finished run.
+
+    Attributes
+    ----------
+    summary : mapping
+        The content of ``summary.json``, see ``pbrdf_bayes/io/summary.schema.json``.
+    draws : xarray.DataTree
+        The content of ``posterior.nc``, see the module's docstring.
+    config_toml : str
+        The resolved configuration.
+    """
+
+    summary: Mapping[str, Any]
+    draws: xr.DataTree
+    config_toml: str
