@@ -1,3 +1,101 @@
-"""Bayesian inference of the four-parameter polarised BRDF model."""
+"""Bayesian inference of the four-parameter polarised BRDF model.
+
+Names are loaded when they are first used, so that importing the package costs nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pbrdf_bayes.config import RunConfig
+    from pbrdf_bayes.data_checks import check_measurement
+    from pbrdf_bayes.errors import (
+        ConfigError,
+        ConvergenceError,
+        DataError,
+        DomainError,
+        FitError,
+        PbrdfError,
+        RunFolderError,
+    )
+    from pbrdf_bayes.inference.posterior import Posterior, build_posterior
+    from pbrdf_bayes.io.run_folder import load_analysis
+    from pbrdf_bayes.io.tidy_csv import read_measurement, write_tidy_csv
+    from pbrdf_bayes.measurement import Measurement
+    from pbrdf_bayes.model import Parameters, brdf, dhr, reciprocity_ratio
+    from pbrdf_bayes.report.page import render_report
+    from pbrdf_bayes.results import Analysis
+    from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
+    from pbrdf_bayes.workflow import fit
 
 __version__ = "0.1.0"
+
+_HOME = {
+    "Analysis": "results",
+    "ConfigError": "errors",
+    "ConvergenceError": "errors",
+    "DataError": "errors",
+    "DomainError": "errors",
+    "FitError": "errors",
+    "GREEN_PAINT": "simulate",
+    "Measurement": "measurement",
+    "Parameters": "model",
+    "PbrdfError": "errors",
+    "Posterior": "inference.posterior",
+    "RunConfig": "config",
+    "RunFolderError": "errors",
+    "brdf": "model",
+    "build_posterior": "inference.posterior",
+    "check_measurement": "data_checks",
+    "dhr": "model",
+    "fit": "workflow",
+    "load_analysis": "io.run_folder",
+    "read_measurement": "io.tidy_csv",
+    "reciprocity_ratio": "model",
+    "render_report": "report.page",
+    "simulate_measurement": "simulate",
+    "write_tidy_csv": "io.tidy_csv",
+}
+
+__all__ = [
+    "GREEN_PAINT",
+    "Analysis",
+    "ConfigError",
+    "ConvergenceError",
+    "DataError",
+    "DomainError",
+    "FitError",
+    "Measurement",
+    "Parameters",
+    "PbrdfError",
+    "Posterior",
+    "RunConfig",
+    "RunFolderError",
+    "__version__",
+    "brdf",
+    "build_posterior",
+    "check_measurement",
+    "dhr",
+    "fit",
+    "load_analysis",
+    "read_measurement",
+    "reciprocity_ratio",
+    "render_report",
+    "simulate_measurement",
+    "write_tidy_csv",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        msg = f"module 'pbrdf_bayes' has no attribute {name!r}"
+        raise AttributeError(msg)
+    value = getattr(import_module(f"pbrdf_bayes.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -95,7 +95,7 @@ class RunConfig:
     predict_theta_i_deg: tuple[float, ...] = ()
     holdout: bool = True
     n_ensembles: int = 4
-    n_walkers: int = 64
+    n_walkers: int = 32
     max_steps: int = 20_000
     threads: int = 2
 

@@ -74,7 +74,7 @@ class Scan:
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """All usable readings of one sample at one wavelength; build it with `measurement_from_columns`.
+    """All usable readings of one sample at one wavelength, see `measurement_from_columns`.
 
     Attributes
     ----------
@@ -208,14 +208,17 @@ def _take(readings: Readings, rows: NDArray[np.int64]) -> Readings:
     return Readings(**{name: getattr(readings, name)[rows] for name in readings.__dict__})
 
 
-def _rank(words: NDArray[np.str_], ordered: Sequence[str]) -> NDArray[np.int64]:
+def _rank(words: NDArray[np.str_], ordered: Sequence[str]) -> NDArray[np.integer]:
     """Place of each word among the ordered ones."""
-    place = {word: index for index, word in enumerate(ordered)}
-    return np.fromiter(map(place.__getitem__, words.tolist()), np.int64, words.size)
+    few = len(ordered) < 2**15  # numpy sorts short integers fastest
+    place: NDArray[np.integer] = np.zeros(words.size, np.int16 if few else np.int64)
+    for index, word in enumerate(ordered):
+        place[words == word] = index
+    return place
 
 
 def _group_scans(
-    brdf: Readings, label_rank: NDArray[np.int64], labels: NDArray[np.str_]
+    brdf: Readings, label_rank: NDArray[np.integer], labels: NDArray[np.str_]
 ) -> tuple[Scan, ...]:
     """Cut rows sorted by scan where incidence, polarisation, azimuth or label changes."""
     if len(brdf) == 0:
@@ -232,11 +235,16 @@ def _group_scans(
             str(brdf.polarization[start]),
             float(brdf.phi_r_deg[start]),
         )
-        label = f"{pol} {theta_i:.8g} deg"
-        label += f" phi {phi:.8g} deg" if phi else ""
+        label = name_direction(pol, theta_i, phi)
         label += f" {labels[start]}" if labels[start] else ""
         scans.append(Scan(label, pol, theta_i, phi, start, stop))
     return tuple(scans)
+
+
+def name_direction(polarization: str, theta_i_deg: float, phi_r_deg: float) -> str:
+    """Name of a scan without its label, e.g. ``s 20 deg`` or ``p 40 deg phi 90 deg``."""
+    azimuth = f" phi {phi_r_deg:.8g} deg" if phi_r_deg else ""
+    return f"{polarization} {theta_i_deg:.8g} deg{azimuth}"
 
 
 def select_scans(measurement: Measurement, keep: NDArray[np.bool_], *, dhr: bool) -> Measurement:

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import accumulate, compress, islice
 from pathlib import Path
 from typing import NoReturn
 
@@ -31,6 +33,7 @@ _FOREIGN = (
     (b"\xff\xfe", "text in UTF-16", _SAVE_AS_UTF8),
     (b"\xfe\xff", "text in UTF-16", _SAVE_AS_UTF8),
 )
+_NOT_PLAIN = (b'"', b"true", b"True", b"TRUE", b"false", b"False", b"FALSE")
 _SEPARATORS = {
     ";": ("semicolons", "sed 's/,/./g; s/;/,/g' OLD.csv > NEW.csv"),
     "\t": ("tabs", "sed 's/,/./g' OLD.csv | tr '\\t' ',' > NEW.csv"),
@@ -79,17 +82,36 @@ def open_table(path: str | Path, data: bytes, problems: Problems) -> Table:
     Raises
     ------
     DataError
-        When the content is not comma-separated text in UTF-8 with a header and rows.
+        When the content is not comma-separated text in UTF-8 with a header.
     """
     _refuse_other_formats(path, data)
-    text = io.TextIOWrapper(io.BytesIO(data), encoding="utf-8-sig", newline="")
-    rows = _rows(path, data, text, problems)
-    _, first = next(rows, (0, []))
+    blocks = _blocks(path, data, problems)
+    first = next(blocks, ([], [[]]))[1][0]
     header = tuple(cell.strip() for cell in first)
     if not any(header):
         refuse(path, "line 1 is empty. It must be the header with the column names.")
     _refuse_other_separators(path, header)
-    return Table(header, _chunks(rows, len(header), problems))
+    return Table(header, _chunks(blocks, len(header), problems))
+
+
+def is_plain(data: bytes, width: int) -> bool:
+    """Tell whether a file is the plainest kind: rows of ``width`` cells, one a line, no quotes.
+
+    Words that pandas would read as a number do not occur in it either.
+    """
+    if any(word in data for word in _NOT_PLAIN):
+        return False
+    if b"\r" in data and data.count(b"\r") != data.count(b"\r\n"):
+        return False
+    content = np.frombuffer(data, dtype=np.uint8)
+    ends = np.flatnonzero(content == ord("\n"))
+    if not data.endswith(b"\n"):
+        ends = np.append(ends, content.size)
+    commas = np.flatnonzero(content == ord(","))
+    if commas.size != ends.size * (width - 1):
+        return False
+    by_line = commas.reshape(ends.size, width - 1)
+    return bool(np.all(by_line[:, -1] < ends) and np.all(by_line[1:, 0] > ends[:-1]))
 
 
 def refuse(path: str | Path, reason: str) -> NoReturn:
@@ -108,7 +130,7 @@ def _similar_file(file: Path) -> str:
 
 def _refuse_other_formats(path: str | Path, data: bytes) -> None:
     """Refuse what is not lines of text."""
-    if not data.strip(b"\xef\xbb\xbf \t\r\n"):
+    if not re.search(rb"[^\xef\xbb\xbf\s]", data):
         refuse(path, "the file is empty. It needs a header and at least one row.")
     for magic, name, remedy in _FOREIGN:
         if data.startswith(magic):
@@ -147,21 +169,40 @@ def _refuse_other_separators(path: str | Path, header: Sequence[str]) -> None:
         refuse(path, f"{reason} Convert them: sed 's/  */,/g' OLD.csv > NEW.csv")
 
 
-def _rows(
-    path: str | Path, data: bytes, text: Iterable[str], problems: Problems
-) -> Iterator[tuple[int, list[str]]]:
-    """Yield the line a row starts on and its cells; broken quotes end the file."""
+def _blocks(
+    path: str | Path, data: bytes, problems: Problems
+) -> Iterator[tuple[list[int], list[list[str]]]]:
+    """Yield lines and rows: the header alone, then blocks; broken quotes end the file."""
+    text = io.TextIOWrapper(io.BytesIO(data), encoding="utf-8-sig", newline="")
     reader = csv.reader(text, strict=True, skipinitialspace=True)
-    last = 0
-    try:
-        for cells in reader:
-            yield last + 1, cells
-            last = reader.line_num
-    except UnicodeDecodeError:
-        _refuse_encoding(path, data)
-    except csv.Error as error:
-        reason = f"the quotes around a cell are broken ({error}); nothing after it was read. "
-        problems.add(Problem(last + 1, "", f'{reason}Close the quote, or write " inside as "".'))
+    n_rows, line = 1, 1
+    while True:
+        rows: list[list[str]] = []
+        broken = ""
+        try:
+            rows.extend(islice(reader, n_rows))
+        except UnicodeDecodeError:
+            _refuse_encoding(path, data)
+        except csv.Error as error:
+            broken = str(error)
+        lines = _start_lines(rows, line, reader.line_num)
+        line = lines.pop()
+        if rows:
+            yield lines, rows
+        if broken:
+            reason = f"the quotes around a cell are broken ({broken}), nothing after it was read."
+            problems.add(Problem(line, "", f"{reason} Close them; write a quote inside as two."))
+        if broken or not rows:
+            return
+        n_rows = CHUNK_ROWS
+
+
+def _start_lines(rows: Sequence[Sequence[str]], first: int, last: int) -> list[int]:
+    """Line on which each row starts, and the one after them all; quoted cells may span several."""
+    if last - first + 1 == len(rows):
+        return list(range(first, last + 2))
+    breaks = (sum(len(re.findall(r"\r\n|\r|\n", cell)) for cell in row) for row in rows)
+    return list(accumulate((1 + n for n in breaks), initial=first))
 
 
 def _refuse_encoding(path: str | Path, data: bytes) -> None:
@@ -175,30 +216,28 @@ def _refuse_encoding(path: str | Path, data: bytes) -> None:
 
 
 def _chunks(
-    rows: Iterator[tuple[int, list[str]]], width: int, problems: Problems
+    blocks: Iterable[tuple[list[int], list[list[str]]]], width: int, problems: Problems
 ) -> Iterator[Chunk]:
-    """Gather rows of the right length; blank ones are skipped."""
-    lines: list[int] = []
-    kept: list[list[str]] = []
+    """Turn blocks of rows into columns, without rows that are blank or of another length."""
     n_ragged = 0
-    for line, cells in rows:
-        if len(cells) == width and any(cells):
-            lines.append(line)
-            kept.append(cells)
-            if len(kept) == CHUNK_ROWS:
-                yield Chunk(np.array(lines), tuple(zip(*kept, strict=True)))
-                lines, kept = [], []
-        elif any(map(str.strip, cells)):
-            n_ragged += 1
-            found = [_ragged(line, cells, width)] if n_ragged <= N_LISTED else []
-            problems.extend(found, n=1)
-    if kept:
-        yield Chunk(np.array(lines), tuple(zip(*kept, strict=True)))
+    for lines, rows in blocks:
+        if set(map(len, rows)) != {width} or not all(map(any, rows)):
+            ragged = [
+                _ragged(line, row, width)
+                for line, row in zip(lines, rows, strict=True)
+                if len(row) != width and any(map(str.strip, row))
+            ]
+            problems.extend(ragged[: max(N_LISTED - n_ragged, 0)], n=len(ragged))
+            n_ragged += len(ragged)
+            keep = [len(row) == width and any(row) for row in rows]
+            lines, rows = list(compress(lines, keep)), list(compress(rows, keep))
+        if rows:
+            yield Chunk(np.array(lines), tuple(zip(*rows, strict=True)))
 
 
 def _ragged(line: int, cells: Sequence[str], width: int) -> Problem:
     """Say how a row differs from the header in length, and why that may be."""
-    text = f"{len(cells)} cells where the header has {width}. "
+    text = f"{len(cells)} cell{'s' if len(cells) > 1 else ''} where the header has {width}. "
     if any(";" in cell for cell in cells):
         text += "Separate the cells by commas, not by semicolons."
     elif len(cells) > width:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
 from math import nan
 
 import numpy as np
@@ -30,41 +29,6 @@ NUMBER_COLUMNS = tuple(name for name in COLUMNS if name not in WORD_COLUMNS)
 QUANTITIES = ("brdf", "dhr")
 
 
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """Converted rows, shape (n_rows,) each.
-
-    ``sample``, ``scan`` and ``flag`` number the words of their columns; ``quantity`` and
-    ``polarization`` index `QUANTITIES` and ``POLARIZATIONS``, -1 where the word is unknown.
-    ``used`` marks rows without a flag, ``bad`` those of them with a problem.
-    """
-
-    line: NDArray[np.int64]
-    sample: NDArray[np.int64]
-    wavelength_um: NDArray[np.float64]
-    quantity: NDArray[np.int64]
-    polarization: NDArray[np.int64]
-    theta_i_deg: NDArray[np.float64]
-    theta_r_deg: NDArray[np.float64]
-    value: NDArray[np.float64]
-    sigma: NDArray[np.float64]
-    n_repeats: NDArray[np.float64]
-    phi_r_deg: NDArray[np.float64]
-    scan: NDArray[np.int64]
-    flag: NDArray[np.int64]
-    used: NDArray[np.bool_]
-    bad: NDArray[np.bool_]
-
-    def __len__(self) -> int:
-        return int(self.line.size)
-
-
-def join_rows(parts: Sequence[Rows]) -> Rows:
-    """Concatenate the rows of all chunks."""
-    names = [f.name for f in fields(Rows)]
-    return Rows(**{name: np.concatenate([getattr(p, name) for p in parts]) for name in names})
-
-
 class Codebook:
     """Distinct words of a text column, numbered as they are met; `encode` extends it."""
 
@@ -74,7 +38,7 @@ class Codebook:
         self._cell_code: dict[str, int] = {}
 
     def encode(self, cells: Sequence[str]) -> NDArray[np.int64]:
-        """Give the number of the word in each cell, without the blanks around it or a formula guard."""
+        """Give the number of the word in each cell, its blanks and formula guard left out."""
         for cell in sorted(set(cells) - self._cell_code.keys()):
             word = unguard(cell.strip())
             code = self._word_code.setdefault(word, len(self.words))
@@ -135,6 +99,11 @@ def to_float(cell: str) -> float:
 
 def check_header(header: Sequence[str], problems: Problems) -> tuple[str, ...]:
     """Find missing and repeated columns; return warnings about the unknown ones."""
+    if not set(header) & set(COLUMNS):
+        seen = show_cell(",".join(header))
+        text = f"{seen} is not a header. The first line must name the columns, e.g. "
+        problems.add(Problem(1, "", f"{text}{','.join(REQUIRED)}; comments are not allowed."))
+        return ()
     for name in REQUIRED:
         if name not in header and name != "theta_r_deg":
             problems.add(missing_column(name, header))

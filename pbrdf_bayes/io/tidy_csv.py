@@ -4,32 +4,32 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isclose, isfinite
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pbrdf_bayes.config import did_you_mean
 from pbrdf_bayes.errors import ConfigError, DataError
-from pbrdf_bayes.io.csv_table import open_table, read_bytes
-from pbrdf_bayes.io.problems import N_LISTED, Problem, Problems, compose_message, show_cell
-from pbrdf_bayes.io.tidy_columns import (
-    QUANTITIES,
-    WORD_COLUMNS,
-    Codebook,
-    Rows,
-    check_header,
-    join_rows,
-    missing_column,
-)
+from pbrdf_bayes.io.csv_table import Table, open_table, read_bytes
+from pbrdf_bayes.io.problems import Problem, Problems, compose_message, show_cell
+from pbrdf_bayes.io.tidy_choice import Key, choose_key, explain_sample
+from pbrdf_bayes.io.tidy_columns import QUANTITIES, check_header, missing_column
 from pbrdf_bayes.io.tidy_notices import notice
-from pbrdf_bayes.io.tidy_rules import check_chunk, number_rules
+from pbrdf_bayes.io.tidy_rows import (
+    Rows,
+    join_rows,
+    new_codebooks,
+    rows_from_cells,
+    rows_from_plain,
+)
+from pbrdf_bayes.io.tidy_rules import NumberRule, check_rows, is_clean, number_rules
+from pbrdf_bayes.io.tidy_writer import write_tidy_csv
 from pbrdf_bayes.measurement import POLARIZATIONS, Measurement, measurement_from_columns
 
-Key = tuple[str, float]
+__all__ = ["TidyFile", "read_measurement", "read_samples", "write_tidy_csv"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +74,7 @@ class _Content:
     path: str
     sha256: str
     rows: Rows
+    bad: NDArray[np.bool_]
     words: Mapping[str, Sequence[str]]
     problems: Problems
     warnings: tuple[str, ...]
@@ -130,8 +131,10 @@ def read_measurement(
     """
     content = _read(path, brdf_floor)
     groups = _group(content)
-    key = _choose(content, list(groups), sample, wavelength_um)
-    if key is None or content.problems.n:
+    key = choose_key(_names_in_use(content), list(groups), sample, wavelength_um)
+    if isinstance(key, Problem):
+        content.problems.add(key)
+    if content.problems.n or key is None or isinstance(key, Problem):
         raise DataError(_message(content))
     return _build(content, key, groups[key])
 
@@ -188,21 +191,32 @@ def _read(path: str | Path, brdf_floor: float) -> _Content:
     warnings = check_header(table.header, problems)
     if problems.n:
         raise DataError(compose_message(str(path), problems.listed(), problems.n))
-    codebooks = {name: Codebook() for name in WORD_COLUMNS}
-    rules = number_rules(brdf_floor=brdf_floor)
-    parts = [
-        check_chunk(chunk, table.header, rules=rules, codebooks=codebooks, problems=problems)
-        for chunk in table.chunks
-    ]
-    if not parts:
-        problems.add(Problem(0, "", "the file has a header but no rows."), n=not problems.n)
+    rows, bad, words = _convert(data, table, number_rules(brdf_floor=brdf_floor), problems)
+    if not len(rows) and not problems.n:
+        problems.add(Problem(0, "", "the file has a header but no rows. Add the readings."))
+    if not len(rows):
         raise DataError(compose_message(str(path), problems.listed(), problems.n))
-    rows = join_rows(parts)
     if "theta_r_deg" not in table.header and np.any(rows.used & (rows.quantity == 0)):
         problems.add(missing_column("theta_r_deg", table.header))
-    words = {name: codebooks[name].words for name in WORD_COLUMNS}
     digest = hashlib.sha256(data).hexdigest()
-    return _Content(str(path), digest, rows, words, problems, warnings)
+    return _Content(str(path), digest, rows, bad, words, problems, warnings)
+
+
+def _convert(
+    data: bytes, table: Table, rules: Sequence[NumberRule], problems: Problems
+) -> tuple[Rows, NDArray[np.bool_], Mapping[str, Sequence[str]]]:
+    """Convert all rows at once, or cell by cell where that is not possible; find the bad ones."""
+    codebooks = new_codebooks()
+    words = {name: book.words for name, book in codebooks.items()}
+    plain = rows_from_plain(data, table.header, codebooks)
+    if plain is not None and is_clean(plain, words, rules):
+        return plain, np.zeros(len(plain), dtype=bool), words
+    parts, bad = [], []
+    for chunk in table.chunks:
+        cells = dict(zip(table.header, chunk.columns, strict=True))
+        parts.append(rows_from_cells(chunk.line, cells, codebooks))
+        bad.append(check_rows(parts[-1], cells, words, rules=rules, problems=problems))
+    return join_rows(parts), np.concatenate([np.zeros(0, dtype=bool), *bad]), words
 
 
 def _message(content: _Content) -> str:
@@ -219,7 +233,7 @@ def _names_in_use(content: _Content) -> list[str]:
 def _group(content: _Content) -> dict[Key, NDArray[np.int64]]:
     """Rows without a problem of each sample and wavelength, by name and wavelength."""
     rows = content.rows
-    index = np.flatnonzero(rows.used & ~rows.bad)
+    index = np.flatnonzero(rows.used & ~content.bad)
     index = index[np.lexsort((rows.wavelength_um[index], rows.sample[index]))]
     sample, wavelength = rows.sample[index], rows.wavelength_um[index]
     new = (sample[1:] != sample[:-1]) | (wavelength[1:] != wavelength[:-1])
@@ -229,66 +243,24 @@ def _group(content: _Content) -> dict[Key, NDArray[np.int64]]:
     return {key: keyed[key] for key in sorted(keyed)}
 
 
-def _choose(
-    content: _Content, keys: Iterable[Key], sample: str | None, wavelength_um: float | None
-) -> Key | None:
-    """Find the sample and wavelength asked for, or add to the problems why there is none."""
-    names = _names_in_use(content)
-    if sample is None and len(names) == 1:
-        sample = names[0]
-    if sample is None or sample not in names:
-        content.problems.add(Problem(0, "sample", _explain_sample(sample, names)))
-        return None
-    present = [wavelength for name, wavelength in keys if name == sample]
-    found = [w for w in present if wavelength_um is None or isclose(w, wavelength_um, rel_tol=1e-6)]
-    if len(found) == 1:
-        return sample, found[0]
-    if present:
-        text = _explain_wavelength(sample, wavelength_um, present)
-        content.problems.add(Problem(0, "wavelength_um", text))
-    return None
-
-
-def _explain_sample(sample: str | None, names: Sequence[str]) -> str:
-    """Say why no sample is chosen, and which there are."""
-    if not names:
-        return "every row is flagged, no reading is left. Clear the flag of rows to be used."
-    listed = _list_some([show_cell(name) for name in names])
-    if sample is None:
-        return f"the file has {len(names)} samples. Choose one (sample=, or --sample): {listed}."
-    hint = did_you_mean(sample, names)
-    return f"{show_cell(sample)} has no rows to use.{hint} The file has: {listed}."
-
-
-def _explain_wavelength(sample: str, wanted: float | None, present: Sequence[float]) -> str:
-    """Say why no wavelength is chosen, and which there are."""
-    listed = f"sample {show_cell(sample)} has {_list_some([f'{w:.10g}' for w in present])} um."
-    if wanted is None:
-        return f"{listed} Choose one (wavelength_um=, or --wavelength)."
-    return f"{wanted:.10g} um was not measured: {listed} Choose one of them."
-
-
-def _list_some(words: Sequence[str]) -> str:
-    """First words of a list, and how many there are where they are too many."""
-    more = f", ... ({len(words)} in all)" if len(words) > N_LISTED else ""
-    return ", ".join(words[:N_LISTED]) + more
-
-
 def _refused_samples(content: _Content) -> dict[str, str]:
     """Message for each sample with a problem, or without a row that is not flagged."""
-    rows, names = content.rows, content.words["sample"]
-    bad_rows = Counter(rows.sample[rows.bad].tolist())
-    errors = {}
-    for code, n in sorted(bad_rows.items(), key=lambda item: names[item[0]]):
-        listed = [p for p in content.problems.listed() if p.sample == names[code]]
-        first = int(rows.line[np.argmax(rows.bad & (rows.sample == code))])
-        head = f"{content.path}: sample {show_cell(names[code])} has {n} rows with problems,"
-        head += f" from line {first}; it was not read."
-        errors[names[code]] = "\n".join([head, *(f"  {problem}" for problem in listed)])
-    in_use = set(_names_in_use(content))
-    for name in sorted(set(names) - in_use - {""}):
-        errors[name] = f"{content.path}: sample {show_cell(name)}: {_explain_sample(None, [])}"
-    return errors
+    names = content.words["sample"]
+    unused = set(names) - set(_names_in_use(content)) - {""}
+    errors = {
+        name: f"{content.path}: sample {show_cell(name)}: {explain_sample(None, [])}"
+        for name in unused
+    }
+    listed = content.problems.listed()
+    lines, codes = content.rows.line[content.bad], content.rows.sample[content.bad]
+    for code, first, n in zip(
+        *np.unique(codes, return_index=True, return_counts=True), strict=True
+    ):
+        head = f"{content.path}: sample {show_cell(names[code])} was not read: {n} row"
+        head += f"{'s' if n > 1 else ''} with problems from line {lines[first]} on."
+        own = (f"  {problem}" for problem in listed if problem.sample == names[code])
+        errors[names[code]] = "\n".join([head, *own])
+    return {name: errors[name] for name in sorted(errors)}
 
 
 def _build(content: _Content, key: Key, index: NDArray[np.int64]) -> Measurement:

@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pbrdf_bayes.io.tidy_columns import COLUMNS, Rows
+from pbrdf_bayes.io.tidy_columns import COLUMNS
+from pbrdf_bayes.io.tidy_rows import Rows
 
 RADIANS_BELOW = 1.6
 """Largest angle that may be in radians: just above pi / 2."""
@@ -34,7 +35,7 @@ def _notice_radians(rows: Rows, index: NDArray[np.int64]) -> str:
         return ""
     return (
         f"all angles lie within {largest:.3g} in absolute value: are they in radians? "
-        "They are read as degrees; multiply them by 180 / pi if not so."
+        "They are read as degrees; multiply them by 180 / pi if they are."
     )
 
 
@@ -61,7 +62,9 @@ def _notice_dhr_range(rows: Rows, index: NDArray[np.int64]) -> str:
 
 def _notice_copies(rows: Rows, index: NDArray[np.int64]) -> str:
     """Name rows that equal an earlier one in every column that is read."""
-    order = index[np.argsort(rows.line[index], kind="stable")]
+    order = np.sort(index[_occurs_again(rows.value[index])])
+    if not order.size:
+        return ""
     table = pd.DataFrame({name: getattr(rows, name)[order] for name in COLUMNS if name != "flag"})
     copy = table.duplicated().to_numpy()
     if not copy.any():
@@ -75,3 +78,10 @@ def _notice_copies(rows: Rows, index: NDArray[np.int64]) -> str:
         f"{n} row{'s' if n > 1 else ''} identical to an earlier one (first: line {lines[at]} "
         f"equals line {lines[original]}): counted as separate readings; remove copies."
     )
+
+
+def _occurs_again(x: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell which numbers, shape (n,), occur more than once."""
+    ordered = np.sort(x)
+    again: NDArray[np.bool_] = np.isin(x, ordered[1:][ordered[1:] == ordered[:-1]])
+    return again

@@ -1,29 +1,21 @@
-"""What the tidy CSV allows, as a table of rules, and the check of a chunk of rows against it.
+"""What the tidy CSV allows, as a table of rules, and the check of rows against it.
 
 Rules work on whole columns; words are found only for the first rows that break one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import inf, isfinite, isnan, nan
+from math import inf, isfinite, isnan
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.config import did_you_mean
-from pbrdf_bayes.io.csv_table import Chunk
 from pbrdf_bayes.io.problems import N_LISTED, Problem, Problems, show_cell
-from pbrdf_bayes.io.tidy_columns import (
-    NUMBER_COLUMNS,
-    QUANTITIES,
-    WORD_COLUMNS,
-    Codebook,
-    Rows,
-    to_float,
-    to_floats,
-)
+from pbrdf_bayes.io.tidy_columns import QUANTITIES, to_float
+from pbrdf_bayes.io.tidy_rows import Rows
 from pbrdf_bayes.measurement import POLARIZATIONS
 
 MAX_LABEL = 200
@@ -166,80 +158,75 @@ def number_rules(*, brdf_floor: float) -> tuple[NumberRule, ...]:
     return (*_NUMBER_RULES, _BRDF_WITH_FLOOR if brdf_floor > 0 else _BRDF_ABOVE_ZERO)
 
 
-def check_chunk(
-    chunk: Chunk,
-    header: Sequence[str],
-    *,
-    rules: Sequence[NumberRule],
-    codebooks: Mapping[str, Codebook],
-    problems: Problems,
-) -> Rows:
-    """Convert the cells of a chunk and check every row that is not flagged."""
-    cells = dict(zip(header, chunk.columns, strict=True))
-    blank = ("",) * len(chunk.line)
-    codes = {name: codebooks[name].encode(cells.get(name, blank)) for name in WORD_COLUMNS}
-    numbers = {
-        name: to_floats(cells[name]) if name in cells else np.full(len(blank), nan)
-        for name in NUMBER_COLUMNS
-    }
-    words = {name: codebooks[name].words for name in WORD_COLUMNS}
-    quantity = _lookup(words["quantity"], QUANTITIES)[codes["quantity"]]
-    polarization = _lookup(words["polarization"], POLARIZATIONS)[codes["polarization"]]
-    used = np.array([word.lower() in {"", "ok"} for word in words["flag"]])[codes["flag"]]
-    bad = np.zeros(len(blank), dtype=bool)
+@dataclass(frozen=True)
+class Breach:
+    """Rows that break one rule, shape (n_rows,), and the words for a cell that does."""
 
-    def note(column: str, wrong: NDArray[np.bool_], explain: Callable[[str], str]) -> None:
-        index = np.flatnonzero(wrong)
-        bad[index] = True
-        problems.extend(
-            (
-                Problem(
-                    int(chunk.line[i]),
-                    column,
-                    explain(cells[column][i]),
-                    words["sample"][codes["sample"][i]],
-                )
-                for i in index[:N_LISTED].tolist()
-            ),
-            n=index.size,
-        )
+    column: str
+    wrong: NDArray[np.bool_]
+    explain: Callable[[str], str]
+    not_stated: frozenset[str] = frozenset()
 
+
+def find_breaches(
+    rows: Rows, words: Mapping[str, Sequence[str]], rules: Iterable[NumberRule]
+) -> Iterator[Breach]:
+    """Compare every row that is not flagged with every rule.
+
+    Cells that hold no number are counted as wrong; whether one of the ``not_stated`` words excuses
+    them is for the caller to see.
+    """
     for name, empty_allowed in (("sample", False), ("scan", True)):
         usable = np.array([_is_label(word, empty=empty_allowed) for word in words[name]])
-        note(name, used & ~usable[codes[name]], _explain_label)
-    note("quantity", used & (quantity < 0), _explain_word(QUANTITIES))
-    note("polarization", used & (polarization < 0), _explain_word(POLARIZATIONS))
+        yield Breach(name, rows.used & ~usable[getattr(rows, name)], _explain_label)
+    yield Breach("quantity", rows.used & (rows.quantity < 0), _explain_word(QUANTITIES))
+    yield Breach("polarization", rows.used & (rows.polarization < 0), _explain_word(POLARIZATIONS))
     for rule in rules:
-        if rule.column in cells:
-            wrong = used & ~rule.accepts(numbers[rule.column])
-            if rule.quantity:
-                wrong &= quantity == QUANTITIES.index(rule.quantity)
-            _excuse_not_stated(wrong, cells[rule.column], rule.not_stated)
-            note(rule.column, wrong, _explain_number(rule))
-    return Rows(
-        line=chunk.line,
-        quantity=quantity,
-        polarization=polarization,
-        used=used,
-        bad=bad,
-        **{name: codes[name] for name in ("sample", "scan", "flag")},  # type: ignore[arg-type]
-        **numbers,
-    )
+        wrong = rows.used & ~rule.accepts(getattr(rows, rule.column))
+        if rule.quantity:
+            wrong &= rows.quantity == QUANTITIES.index(rule.quantity)
+        yield Breach(rule.column, wrong, _explain_number(rule), rule.not_stated)
 
 
-def _lookup(words: Sequence[str], known: Sequence[str]) -> NDArray[np.int64]:
-    """Place of each word among the known ones, -1 where it is none of them."""
-    place = {word: index for index, word in enumerate(known)}
-    return np.array([place.get(word, -1) for word in words])
+def is_clean(rows: Rows, words: Mapping[str, Sequence[str]], rules: Iterable[NumberRule]) -> bool:
+    """Tell whether rows in which NaN always means an empty cell break no rule."""
+    for breach in find_breaches(rows, words, rules):
+        excused = np.isnan(getattr(rows, breach.column)) if breach.not_stated else False
+        if np.any(breach.wrong & ~excused):
+            return False
+    return True
 
 
-def _excuse_not_stated(
-    wrong: NDArray[np.bool_], cells: Sequence[str], not_stated: frozenset[str]
-) -> None:
-    """Take out of ``wrong`` the cells that say, in an allowed way, that nothing is stated."""
-    if not_stated:
-        index = np.flatnonzero(wrong)
-        wrong[index] = [cells[i].strip().lower() not in not_stated for i in index.tolist()]
+def check_rows(
+    rows: Rows,
+    cells: Mapping[str, Sequence[str]],
+    words: Mapping[str, Sequence[str]],
+    *,
+    rules: Iterable[NumberRule],
+    problems: Problems,
+) -> NDArray[np.bool_]:
+    """Add what is wrong with the rows to ``problems``; return which rows, shape (n_rows,)."""
+    bad = np.zeros(len(rows), dtype=bool)
+    for breach in find_breaches(rows, words, rules):
+        if breach.column not in cells:
+            continue
+        column = cells[breach.column]
+        index = np.flatnonzero(breach.wrong)
+        if breach.not_stated:
+            stated = [column[i].strip().lower() not in breach.not_stated for i in index.tolist()]
+            index = index[np.array(stated, dtype=bool)]
+        bad[index] = True
+        first = (
+            Problem(
+                line=int(rows.line[i]),
+                column=breach.column,
+                text=breach.explain(column[i]),
+                sample=words["sample"][rows.sample[i]],
+            )
+            for i in index[:N_LISTED].tolist()
+        )
+        problems.extend(first, n=index.size)
+    return bad
 
 
 def _is_label(word: str, *, empty: bool) -> bool:

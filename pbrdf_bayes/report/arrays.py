@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ class Curve:
     phi_r_deg: float
     measured: bool
     theta_r_deg: Array
-    model_band: Array
+    model_band: Array | None
     predictive_band: Array
     map: Array
 
@@ -69,19 +70,6 @@ class DhrCurve:
     map: Array
 
 
-@dataclass(frozen=True, eq=False)
-class HeldOut:
-    """Readings of a scan that was left out and the band that predicted them [sr^-1]."""
-
-    label: str
-    polarization: str
-    theta_i_deg: float
-    phi_r_deg: float
-    theta_r_deg: Array
-    value: Array
-    band: Array
-
-
 def curves_of(analysis: Analysis, *, measured: bool) -> list[Curve]:
     """Predicted curves, at the measured incidence angles or at the others."""
     get = _group(analysis, "curves")
@@ -104,7 +92,7 @@ def curves_of(analysis: Analysis, *, measured: bool) -> list[Curve]:
 
 
 def scans_of(analysis: Analysis) -> list[ScanPoints]:
-    """Readings scan by scan, in the order of the measurement."""
+    """Return the readings scan by scan, in the order of the measurement."""
     get, observed = _group(analysis, "constant_data"), _group(analysis, "observed_data")
     index, labels = get("brdf_scan"), _words(get("scan"))
     columns = {
@@ -162,28 +150,24 @@ def dhr_curves_of(analysis: Analysis) -> list[DhrCurve]:
     ]
 
 
-def held_out_of(analysis: Analysis) -> list[HeldOut]:
-    """Readings of the scans that were left out, in the order of the measurement."""
+def held_out_of(analysis: Analysis) -> tuple[list[Curve], list[ScanPoints]]:
+    """Return the scans that were left out and the predictive bands made without them.
+
+    The model of these records is the median of the predictive band.
+    """
     get = _group(analysis, "holdout")
     labels = np.asarray(_words(get("scan")), dtype=np.str_)
-    found = []
+    curves, scans = [], []
     for scan in analysis.summary["input"]["scans"]:
         rows = np.flatnonzero(labels == scan["label"])
         if rows.size == 0:
             continue
         rows = rows[np.argsort(get("theta_r_deg")[rows], kind="stable")]
-        found.append(
-            HeldOut(
-                label=scan["label"],
-                polarization=scan["polarization"],
-                theta_i_deg=float(scan["theta_i_deg"]),
-                phi_r_deg=float(scan["phi_r_deg"] or 0.0),
-                theta_r_deg=get("theta_r_deg")[rows],
-                value=get("value")[rows],
-                band=_five(get("predictive_band")[rows]),
-            )
-        )
-    return found
+        theta_r, band = get("theta_r_deg")[rows], _five(get("predictive_band")[rows])
+        key = (scan["polarization"], float(scan["theta_i_deg"]), float(scan["phi_r_deg"] or 0.0))
+        curves.append(Curve(*key, True, theta_r, None, band, band[:, 2]))
+        scans.append(ScanPoints(scan["label"], *key, theta_r, get("value")[rows], band[:, 2]))
+    return curves, scans
 
 
 def draws_of(analysis: Analysis, group: str, name: str) -> Array:
@@ -195,20 +179,22 @@ def draws_of(analysis: Analysis, group: str, name: str) -> Array:
 def ensembles_of(analysis: Analysis) -> NDArray[np.int64]:
     """Independent ensemble that each chain of the posterior belongs to."""
     found = _group(analysis, "posterior")("ensemble")
-    n_chain = next((draws_of(analysis, "posterior", n).shape[0] for n in analysis.summary["parameters"]), 0)
+    n_chain = next(
+        (draws_of(analysis, "posterior", n).shape[0] for n in analysis.summary["parameters"]), 0
+    )
     return np.asarray(found, np.int64) if found.size == n_chain else np.zeros(n_chain, np.int64)
 
 
 def _group(analysis: Analysis, name: str) -> Any:
     """Reader of the variables of a group; an empty array for what is not there."""
-    tree = analysis.draws
-    group = tree[name] if name in tree.children else None
+    group = analysis.draws.children.get(name)
+    variables = {} if group is None else group.variables
     cache: dict[str, NDArray[Any]] = {}
 
     def get(variable: str) -> NDArray[Any]:
         if variable not in cache:
-            there = group is not None and variable in group.variables
-            cache[variable] = np.asarray(group[variable].values) if there else np.zeros(0)
+            there = variable in variables
+            cache[variable] = np.asarray(variables[variable].values) if there else np.zeros(0)
         return cache[variable]
 
     return get
@@ -222,7 +208,7 @@ def _rows_by(index: NDArray[Any], count: int) -> list[NDArray[np.int64]]:
     """Rows of each group, by one sort."""
     order = np.argsort(index, kind="stable")
     ends = np.searchsorted(index[order], np.arange(count + 1))
-    return [order[a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    return [order[a:b] for a, b in pairwise(ends.tolist())]
 
 
 def _five(band: NDArray[Any]) -> Array:

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from pbrdf_bayes.report.arrays import (
+    DhrCurve,
+    DhrPoints,
     curves_of,
     dhr_curves_of,
     dhr_points_of,
@@ -14,17 +16,16 @@ from pbrdf_bayes.report.arrays import (
     held_out_of,
     scans_of,
 )
-from pbrdf_bayes.report.figures_brdf import (
+from pbrdf_bayes.report.figures_brdf import MOST_POINTS, key_picture, plane_pictures
+from pbrdf_bayes.report.figures_dhr import dhr_pictures
+from pbrdf_bayes.report.figures_planes import (
     MOST_PLANES,
-    MOST_POINTS,
     Picture,
-    held_out_pictures,
-    key_picture,
-    plane_pictures,
+    Plane,
+    held_out_note,
     planes_of,
     worst_planes,
 )
-from pbrdf_bayes.report.figures_dhr import dhr_pictures
 from pbrdf_bayes.report.figures_posterior import Sample, chain_pictures, corner_picture
 from pbrdf_bayes.report.figures_residuals import residual_pictures, worst_scans
 from pbrdf_bayes.report.numbers import count, finite, number
@@ -68,18 +69,23 @@ def _draw(analysis: Analysis) -> Figures:
     scans = scans_of(analysis)
     curves, between = curves_of(analysis, measured=True), curves_of(analysis, measured=False)
     planes, shown = planes_of(curves, scans), worst_scans(scans)
-    dhr = dhr_pictures(dhr_curves_of(analysis), dhr_points_of(analysis))
+    dhr_curves, dhr_points = dhr_curves_of(analysis), dhr_points_of(analysis)
     samples = samples_of(analysis)
     physical = [s for s in samples if analysis.summary["parameters"][s.name]["kind"] == "physical"]
-    key, caption = _key(analysis, dhr)
+    key, caption = _key(planes, dhr_curves, dhr_points)
     return Figures(
         key=key,
         key_caption=caption,
         measured=plane_pictures(worst_planes(planes), name="brdf"),
         between=plane_pictures(planes_of(between, [])[:MOST_PLANES], name="between"),
-        dhr=dhr,
+        dhr=dhr_pictures(dhr_curves, dhr_points),
         residuals=residual_pictures(shown, curves),
-        held_out=held_out_pictures(held_out_of(analysis), curves),
+        held_out=plane_pictures(
+            worst_planes(planes_of(*held_out_of(analysis))),
+            name="held",
+            what="Held-out BRDF",
+            note=held_out_note,
+        ),
         corner=corner_picture(physical) if physical else None,
         chains=chain_pictures(samples, ensembles_of(analysis)),
         polarizations=_polarizations([c.polarization for c in [*curves, *between]]),
@@ -98,21 +104,26 @@ def samples_of(analysis: Analysis) -> list[Sample]:
     return found
 
 
-def _key(analysis: Analysis, dhr: Sequence[Picture]) -> tuple[Picture | None, str]:
+def _key(
+    planes: Sequence[Plane], curves: Sequence[DhrCurve], points: Sequence[DhrPoints]
+) -> tuple[Picture | None, str]:
     """Picture of the first screen: the worst-fitting scan plane, or else the DHR."""
-    scans = scans_of(analysis)
-    if scans:
-        picture, plane = key_picture(planes_of(curves_of(analysis, measured=True), scans))
-        which = "The scan plane" if len(analysis.summary["input"]["scans"]) == 1 else "The worst-fitting plane"
-        return picture, f"{which}, {plane.title}: rms {number(plane.rms_dex, digits=2)} dex."
-    return (dhr[0], "Directional-hemispherical reflectance.") if dhr else (None, "")
+    measured = [plane for plane in planes if plane.measured]
+    if measured:
+        picture, plane = key_picture(measured)
+        which = "The only scan plane" if len(measured) == 1 else "The worst-fitting scan plane"
+        return picture, f"{which}, {plane.words}: rms {number(plane.rms_dex, digits=2)} dex."
+    found = dhr_pictures(curves, points, name="key")
+    return (found[0], "Directional-hemispherical reflectance.") if found else (None, "")
 
 
 def _remarks(n_planes: int, n_scans: int, longest: int) -> dict[str, str]:
     """Say where a figure leaves something out."""
-    found = {}
+    found = dict.fromkeys(("measured", "residuals", "points"), "")
     if n_planes > MOST_PLANES:
-        found["measured"] = f"The {MOST_PLANES} worst-fitting of {count(n_planes)} scan planes are drawn."
+        found["measured"] = (
+            f"The {MOST_PLANES} worst-fitting of {count(n_planes)} scan planes are drawn."
+        )
     if n_scans > MOST_PLANES:
         found["residuals"] = f"The {MOST_PLANES} worst-fitting of {count(n_scans)} scans are drawn."
     if longest > MOST_POINTS:

@@ -7,15 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from contourpy import FillType, contour_generator
+from markupsafe import Markup
 from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 from scipy.stats import rankdata
 
-from pbrdf_bayes.report.figures_brdf import WIDTH, Picture
-from pbrdf_bayes.report.numbers import rounded
+from pbrdf_bayes.report.figures_brdf import WIDTH
+from pbrdf_bayes.report.figures_planes import Picture
+from pbrdf_bayes.report.numbers import rounded, symbol_markup
 from pbrdf_bayes.report.panel import (
     ENSEMBLE_LOOKS,
     FAINT,
@@ -28,7 +29,7 @@ from pbrdf_bayes.report.panel import (
 from pbrdf_bayes.report.svg import inline_svg
 
 Array = NDArray[np.float64]
-CELL, GAP, LEFT, BELOW = 138.0, 14.0, 62.0, 40.0
+CELL, GAP, LEFT, BELOW = 136.0, 18.0, 62.0, 40.0
 MARGINAL, JOINT = 70, 44
 """Bins of the one- and the two-dimensional histograms before smoothing."""
 SHADE = "#2b5d86"
@@ -77,18 +78,23 @@ def chain_pictures(samples: Sequence[Sample], ensembles: NDArray[np.int64]) -> l
     for i, sample in enumerate(samples):
         if sample.posterior.size == 0:
             continue
-        figure = new_figure(WIDTH, 140)
+        figure = new_figure(WIDTH, 128)
         _trace(figure, sample, ensembles)
         spread = _ranks(figure, sample, ensembles)
         n = np.unique(ensembles).size
-        label = f"Trace and ranks of {sample.symbol} in {n} ensembles: the ranks of one ensemble deviate "
-        label += f"from uniform by at most {100 * spread:.0f} %"
+        label = (
+            f"Trace and ranks of {sample.symbol} in {n} ensembles: the ranks of one ensemble "
+            f"deviate from uniform by at most {100 * spread:.0f} %"
+        )
         svg = inline_svg(figure, name=f"chain{i}", label=label)
-        found.append(Picture(svg, sample.symbol))
+        title = Markup('<span class="sym">{}</span>').format(symbol_markup(sample.symbol))
+        found.append(Picture(svg, title))
     return found
 
 
-def _marginal(figure: Figure, box: tuple[float, float, float, float], x: Sample, *, last: bool) -> None:
+def _marginal(
+    figure: Figure, box: tuple[float, float, float, float], x: Sample, *, last: bool
+) -> None:
     low, high = x.view
     posterior, prior = _density(x.posterior, x.view), _density(x.prior, x.view)
     top = 1.12 * max(posterior.max(initial=0.0), prior.max(initial=0.0), 1e-300)
@@ -100,7 +106,7 @@ def _marginal(figure: Figure, box: tuple[float, float, float, float], x: Sample,
     panel.line(centres, prior, MUTED, 1.3, (4.0, 2.5))
     if x.map is not None and low < x.map < high:
         panel.segments([(x.map, 0, x.map, top)], INK, 0.9, (1.5, 1.5))
-    panel.words(CELL / 2, CELL + 6, x.symbol, color=INK, size=12.5)
+    panel.words(CELL / 2, CELL + 6, x.symbol, color=INK, size=14, italic=True)
 
 
 def _joint(
@@ -109,24 +115,33 @@ def _joint(
 ) -> None:  # fmt: skip
     panel = Panel(figure, *box, x=x.view, y=y.view)
     _x_ticks(panel, x, labels=last)
-    ticks, labels = linear_ticks(*y.view, 3)
+    ticks, labels = _inner_ticks(y.view)
     panel.y_axis(ticks, labels if first else [""] * len(ticks))
     if first:
-        panel.words(-LEFT + 2, CELL - 2, y.symbol, color=INK, size=12.5, align="left")
+        panel.words(-LEFT + 2, CELL, y.symbol, color=INK, size=14, italic=True, align="left")
     panel.segments([(x.view[0], y.view[0], x.view[0], y.view[1])], color=FAINT, clip=False)
-    for (level, upper), alpha in zip(_levels(x, y), (0.18, 0.5), strict=True):
-        for path in _areas(x, y, level, upper):
-            patch = PathPatch(path, facecolor=SHADE, edgecolor=SHADE, lw=0.8, alpha=alpha)
-            panel._add(patch)
+    density = _histogram(x, y)
+    for level, alpha in zip(_levels(density), (0.18, 0.5), strict=True):
+        for path in _areas(density, x.view, y.view, level):
+            panel.area(path, SHADE, alpha)
     if x.map is not None and y.map is not None:
         panel.dots(np.array([x.map]), np.array([y.map]), INK, size=4.0)
 
 
 def _x_ticks(panel: Panel, x: Sample, *, labels: bool) -> None:
-    ticks, words = linear_ticks(*x.view, 3)
+    ticks, words = _inner_ticks(x.view)
     panel.x_axis(ticks, words if labels else [""] * len(ticks))
     if labels:
-        panel.words(CELL / 2, -30, x.symbol, color=INK, size=12.5)
+        panel.words(CELL / 2, -30, x.symbol, color=INK, size=14, italic=True)
+
+
+def _inner_ticks(view: tuple[float, float]) -> tuple[list[float], list[str]]:
+    """Ticks whose labels stay clear of the neighbouring panels."""
+    ticks, labels = linear_ticks(*view, least=2)
+    margin = 0.07 * (view[1] - view[0])
+    inside = [view[0] + margin <= t <= view[1] - margin for t in ticks]
+    kept = [(t, w) for t, w, keep in zip(ticks, labels, inside, strict=True) if keep]
+    return [t for t, _ in kept], [w for _, w in kept]
 
 
 def _density(draws: Array, view: tuple[float, float]) -> Array:
@@ -147,28 +162,33 @@ def _histogram(x: Sample, y: Sample) -> Array:
     return np.asarray(gaussian_filter(counts, 1.5, mode="nearest"))
 
 
-def _levels(x: Sample, y: Sample) -> list[tuple[float, float]]:
-    """Density above which 90 and 50 % of the draws lie, with an upper end for both."""
-    ordered = np.sort(_histogram(x, y).ravel())[::-1]
+def _levels(density: Array) -> list[float]:
+    """Density above which 90 and 50 % of the draws lie."""
+    ordered = np.sort(density.ravel())[::-1]
     share = np.cumsum(ordered) / max(ordered.sum(), 1e-300)
-    top = 2 * float(ordered[0]) + 1.0
-    return [(float(ordered[np.searchsorted(share, p).clip(0, share.size - 1)]), top) for p in (0.9, 0.5)]
+    rows = np.searchsorted(share, (0.9, 0.5)).clip(0, share.size - 1)
+    return [float(ordered[row]) for row in rows]
 
 
-def _areas(x: Sample, y: Sample, level: float, upper: float) -> list[Path]:
-    """Outline of the density above a level."""
-    at = [np.linspace(*s.view, 2 * JOINT + 1)[1::2] for s in (x, y)]
-    generator = contour_generator(*at, _histogram(x, y).T, fill_type=FillType.OuterCode)
-    points, codes = generator.filled(level, upper)
-    return [Path(p, c) for p, c in zip(points, codes, strict=True) if p is not None]
+def _areas(
+    density: Array, x: tuple[float, float], y: tuple[float, float], level: float
+) -> list[Path]:
+    """Outlines of the density above a level."""
+    centres = [np.linspace(*view, 2 * JOINT + 1)[1::2] for view in (x, y)]
+    generator = contour_generator(
+        x=centres[0], y=centres[1], z=density.T, fill_type=FillType.OuterCode
+    )
+    points, codes, *_ = generator.filled(level, 2 * float(density.max()) + 1.0)
+    pairs = zip(points, codes, strict=True)
+    return [Path(p, c) for p, c in pairs if p is not None and c is not None]
 
 
 def _trace(figure: Figure, sample: Sample, ensembles: NDArray[np.int64]) -> None:
     """Median and 90 % range of the walkers of each ensemble along the run."""
     n_draw = sample.posterior.shape[1]
     panel = Panel(figure, 52, 34, 166, 84, (0, max(n_draw - 1, 1)), sample.view)
-    panel.x_axis(*_draw_ticks(n_draw), "draw")
-    panel.y_axis(*linear_ticks(*sample.view, 3))
+    panel.x_axis(*linear_ticks(0, max(n_draw - 1, 1)), "draw")
+    panel.y_axis(*linear_ticks(*sample.view, least=2))
     steps = np.array_split(np.arange(n_draw), min(n_draw, 60))
     middle = np.array([s.mean() for s in steps])
     for i, ensemble in enumerate(np.unique(ensembles)):
@@ -177,7 +197,7 @@ def _trace(figure: Figure, sample: Sample, ensembles: NDArray[np.int64]) -> None
         q = np.array([np.quantile(chains[:, s], [0.05, 0.5, 0.95]) for s in steps])
         panel.line(middle, q[:, 1], color, 1.3, dash)
         for k in (0, 2):
-            panel.line(middle, q[:, k], color, 0.6)
+            panel.line(middle, q[:, k], color, 0.5)
 
 
 def _ranks(figure: Figure, sample: Sample, ensembles: NDArray[np.int64]) -> float:
@@ -195,11 +215,6 @@ def _ranks(figure: Figure, sample: Sample, ensembles: NDArray[np.int64]) -> floa
         worst = max(worst, float(np.abs(relative - 1).max()))
         panel.line(np.repeat(edges, 2)[1:-1], np.repeat(relative, 2), color, 1.1, dash)
     return worst
-
-
-def _draw_ticks(n_draw: int) -> tuple[list[float], list[str]]:
-    ticks, labels = linear_ticks(0, max(n_draw - 1, 1), 3)
-    return ticks, labels
 
 
 def _label(sample: Sample) -> str:

@@ -9,9 +9,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pbrdf_bayes.report.arrays import Curve, ScanPoints
-from pbrdf_bayes.report.figures_brdf import MOST_PLANES, WIDTH, Picture, draw_bands_dex, extremes
-from pbrdf_bayes.report.numbers import THIN, count, dex_as_percent, number
-from pbrdf_bayes.report.panel import FAINT, LOOKS, MUTED, Panel, linear_ticks, new_figure
+from pbrdf_bayes.report.figures_brdf import THETA, WIDTH, draw_deviations
+from pbrdf_bayes.report.figures_planes import MOST_PLANES, Picture, Plane, Strand, dex_reach, rms
+from pbrdf_bayes.report.numbers import THIN, count, dex_as_percent, fixed, number, rounded
+from pbrdf_bayes.report.panel import FAINT, INK, LOOKS, MUTED, Panel, linear_ticks, new_figure
 from pbrdf_bayes.report.svg import inline_svg
 
 Array = NDArray[np.float64]
@@ -24,19 +25,16 @@ def worst_scans(scans: Sequence[ScanPoints]) -> list[ScanPoints]:
     """Return at most `MOST_PLANES` scans, those with the largest residuals, in their order."""
     if len(scans) <= MOST_PLANES:
         return list(scans)
-    rms = [_rms(s.residual_dex) for s in scans]
-    order = np.argsort(-np.nan_to_num(rms), kind="stable")[:MOST_PLANES]
+    sizes = [rms(s.residual_dex) for s in scans]
+    order = np.argsort(-np.nan_to_num(sizes), kind="stable")[:MOST_PLANES]
     return [scans[i] for i in sorted(order.tolist())]
 
 
 def residual_pictures(scans: Sequence[ScanPoints], curves: Sequence[Curve]) -> list[Picture]:
     """Return one panel per scan, all on the same axes."""
-    residuals = [s.residual_dex for s in scans]
-    reach = _reach(residuals)
-    return [
-        _picture(scan, residual, _curve_of(scan, curves), reach, f"res{i}")
-        for i, (scan, residual) in enumerate(zip(scans, residuals, strict=True))
-    ]
+    strands = [Strand(s.polarization, _curve_of(s, curves), (s,)) for s in scans]
+    reach = dex_reach([Plane(0.0, 0.0, tuple(strands))])
+    return [_picture(strand, reach, f"res{i}") for i, strand in enumerate(strands)]
 
 
 def autocorrelation(values: Array, longest: int = LONGEST_LAG) -> Array:
@@ -60,23 +58,20 @@ def autocorrelation(values: Array, longest: int = LONGEST_LAG) -> Array:
     return np.array([float(centred[: n - lag] @ centred[lag:]) / variance for lag in lags])
 
 
-def _picture(
-    scan: ScanPoints, residual: Array, curve: Curve | None, reach: float, name: str
-) -> Picture:
+def _picture(strand: Strand, reach: float, name: str) -> Picture:
+    scan = strand.scans[0]
+    residual = scan.residual_dex
     figure = new_figure(WIDTH, HEIGHT)
-    panel = Panel(figure, 44, 36, 172, HEIGHT - 62, (-90, 90), (-reach, reach))
+    panel = Panel(figure, 44, 36, 172, HEIGHT - 62, THETA, (-reach, reach))
     panel.x_axis([-60, 0, 60], ["−60°", "0°", "60°"], "θ_r")
-    panel.y_axis(*linear_ticks(-reach, reach, 4), "residual (dex)")
-    if curve is not None:
-        draw_bands_dex(panel, curve)
-    panel.segments([(-90, 0, 90, 0)], color=FAINT)
-    rows, look = extremes(residual, MOST_POINTS), LOOKS[scan.polarization]
-    at_edge = np.clip(residual[rows], -reach, reach)
-    panel.dots(scan.theta_r_deg[rows], at_edge, look.color, size=2.4, cap=look.cap)
-    acf = _draw_autocorrelation(figure, scan, residual, look.color)
+    panel.y_axis(*linear_ticks(-reach, reach), "residual (dex)")
+    draw_deviations(panel, strand, most=MOST_POINTS)
+    acf = _draw_autocorrelation(figure, scan, residual, LOOKS[scan.polarization].color)
     text = _text(residual, acf, reach)
     label = f"Residuals of {LOOKS[scan.polarization].word} at {scan.theta_i_deg:g}°: {text}"
-    return Picture(inline_svg(figure, name=name, label=label), scan.label, ((scan.polarization, text),))
+    return Picture(
+        inline_svg(figure, name=name, label=label), scan.label, ((scan.polarization, text),)
+    )
 
 
 def _draw_autocorrelation(figure: Figure, scan: ScanPoints, residual: Array, color: str) -> Array:
@@ -84,10 +79,10 @@ def _draw_autocorrelation(figure: Figure, scan: ScanPoints, residual: Array, col
     step, unit = _spacing(scan.theta_r_deg[np.isfinite(residual)])
     longest = max(1.0, (acf.size - 1) * step)
     panel = Panel(figure, 256, 36, 78, HEIGHT - 62, (-0.02 * longest, longest), (-1.0, 1.0))
-    ticks, labels = linear_ticks(0, longest, 2)
+    ticks, labels = linear_ticks(0, longest, least=2)
     panel.x_axis(ticks, [f"{text}{unit}" for text in labels], "lag" if unit else "lag (readings)")
     panel.y_axis([-1, 0, 1], ["−1", "0", "1"])
-    panel.words(-16, panel.height + 9, "autocorrelation", color="#1c2126", align="left")
+    panel.words(-16, panel.height + 9, "autocorrelation", color=INK, align="left")
     if acf.size == 0:
         panel.words(panel.width / 2, panel.height / 2 + 8, "too few", size=9.5)
         return acf
@@ -113,23 +108,12 @@ def _spacing(theta_r_deg: Array) -> tuple[float, str]:
     return (typical, "°") if even else (1.0, "")
 
 
-def _reach(residuals: Sequence[Array]) -> float:
-    """Half height of the shared axis: nearly all readings of every scan."""
-    tops = [np.quantile(np.abs(r[np.isfinite(r)]), 0.995) for r in residuals if np.isfinite(r).any()]
-    return float(1.15 * max([*tops, 0.005]))
-
-
 def _text(residual: Array, acf: Array, reach: float) -> str:
     good = residual[np.isfinite(residual)]
-    rms = _rms(residual)
-    text = f"rms {number(rms, digits=2)}{THIN}dex ({dex_as_percent(rms)}), "
-    text += f"mean {number(good.mean() if good.size else None, digits=2)}{THIN}dex"
-    text += f", lag-1 {acf[1]:.2f}".replace("-0.", "−0.") if acf.size > 1 else ""
+    size = rms(residual)
+    mean = rounded(good.mean() if good.size else None, size).value
+    text = f"rms {number(size, digits=2)}{THIN}dex ({dex_as_percent(size)}) · mean {mean}"
+    text += f" · lag-1\N{NO-BREAK SPACE}{fixed(acf[1], 2)}" if acf.size > 1 else ""
     outside, lost = int((np.abs(good) > reach).sum()), residual.size - good.size
     text += f"; {count(outside)} beyond the axis, drawn at its edge" if outside else ""
     return text + (f"; {count(lost)} without a logarithm" if lost else "")
-
-
-def _rms(residual: Array) -> float:
-    good = residual[np.isfinite(residual)]
-    return float(np.sqrt(np.mean(good**2))) if good.size else float("nan")

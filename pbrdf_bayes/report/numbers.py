@@ -1,4 +1,4 @@
-"""Numbers as a metrologist writes them: digits from the uncertainty, real minus signs.
+"""Numbers and symbols as a metrologist writes them: digits from the uncertainty, real minus signs.
 
 The rule is that of the GUM (7.2.6): an uncertainty is quoted to two significant digits and the
 value to the same decimal place.
@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import floor, isfinite, log10
 from typing import Any
+
+from markupsafe import Markup
 
 MISSING = "–"
 THIN = "\u202f"
@@ -78,7 +80,7 @@ def rounded(
 
 
 def fixed(value: Any, decimals: int) -> str:
-    """Fixed decimals; a power of ten where more than nine would be needed, or fewer than none.
+    """Write fixed decimals; a power of ten where more than nine would be needed.
 
     Examples
     --------
@@ -136,7 +138,11 @@ def percent(fraction: Any, *, digits: int = 2) -> str:
     ('90.5\u202f%', '–')
     """
     x = finite(fraction)
-    return MISSING if x is None else f"{number(100 * x, digits=digits)}{THIN}%"
+    if x is None:
+        return MISSING
+    decimals = decimals_of(abs(100 * x), digits=digits)
+    text = "0" if decimals is None else fixed(100 * x, min(decimals, digits))
+    return f"{text}{THIN}%"
 
 
 def degrees(value: Any) -> str:
@@ -177,6 +183,19 @@ def seconds(value: Any) -> str:
     if x < 60:
         return f"{number(x)}{THIN}s"
     return f"{int(x // 60)}{THIN}min {x % 60:.0f}{THIN}s"
+
+
+def symbol_markup(symbol: str) -> Markup:
+    """Return a symbol with what follows its first underscore as a subscript.
+
+    Examples
+    --------
+    >>> str(symbol_markup("σ_N0")), str(symbol_markup("n"))
+    ('σ<sub>N0</sub>', 'n')
+    """
+    head, _, tail = symbol.partition("_")
+    lowered = Markup("<sub>{}</sub>").format(tail) if tail else Markup("")
+    return Markup("{}{}").format(head, lowered)
 
 
 def _typeset(text: str) -> str:

@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 
 INK, MUTED, FAINT, GRID = "#1c2126", "#59636e", "#9aa4ae", "#e6e9ec"
 TEXT_SIZE = 10.5
+CHARACTER = 5.6
+"""Width of a digit at `TEXT_SIZE`, to leave out labels that would touch."""
 
 
 @dataclass(frozen=True)
@@ -36,19 +38,22 @@ class Look:
     word: str
     color: str
     dash: tuple[float, ...]
-    cap: str
+    square: bool
 
 
 LOOKS = {
-    "s": Look("s", "#0067a5", (), "round"),
-    "p": Look("p", "#c24d00", (5.0, 2.5), "projecting"),
-    "u": Look("unpolarised", "#00745a", (7.0, 2.0, 1.5, 2.0), "round"),
+    "s": Look("s", "#0067a5", (), square=False),
+    "p": Look("p", "#c24d00", (5.0, 2.5), square=True),
+    "u": Look("unpolarised (u)", "#00745a", (7.0, 2.0, 1.5, 2.0), square=False),
 }
 """Blue, vermilion and green after Okabe and Ito, darkened to be read on white paper."""
 
-ENSEMBLE_LOOKS = (
-    ("#0067a5", ()), ("#c24d00", (5.0, 2.0)), ("#00745a", (1.5, 1.5)), ("#a3417f", (7.0, 2.0, 1.5, 2.0)),
-)  # fmt: skip
+ENSEMBLE_LOOKS: tuple[tuple[str, tuple[float, ...]], ...] = (
+    ("#0067a5", ()),
+    ("#c24d00", (5.0, 2.0)),
+    ("#00745a", (1.5, 1.5)),
+    ("#a3417f", (7.0, 2.0, 1.5, 2.0)),
+)
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -97,8 +102,14 @@ class Panel:
             there, back = self._simple(x[run], low[run]), self._simple(x[run], high[run])
             polygons.append(Path(np.concatenate([there, back[::-1]]), closed=False))
         if polygons:
-            patch = PathPatch(Path.make_compound_path(*polygons), facecolor=color, alpha=alpha, lw=0)
+            patch = PathPatch(
+                Path.make_compound_path(*polygons), facecolor=color, alpha=alpha, lw=0
+            )
             self._add(patch, in_pixels=True)
+
+    def area(self, path: Path, color: str, alpha: float) -> None:
+        """Fill an outline in data coordinates."""
+        self._add(PathPatch(path, facecolor=color, edgecolor=color, lw=0.8, alpha=alpha))
 
     def line(
         self, x: Any, y: Any, color: str = INK, width: float = 1.2, dash: Sequence[float] = ()
@@ -109,18 +120,32 @@ class Panel:
         self._add(PathPatch(path, fill=False, ec=color, lw=width, ls=style, joinstyle="round"))
 
     def dots(
-        self, x: Array, y: Array, color: str, *, size: float = 2.8, cap: str = "round", alpha: float = 1.0
+        self,
+        x: Array,
+        y: Array,
+        color: str,
+        *,
+        size: float = 2.8,
+        square: bool = False,
+        alpha: float = 1.0,
     ) -> None:
-        """Points as lines of no length whose caps are round or square: a tenth of the bytes."""
+        """Points as short lines, a tenth of the bytes: discs are caps of lines without length."""
         good = np.isfinite(x) & np.isfinite(y)
-        at = np.repeat(np.column_stack([x[good], y[good]]), 2, axis=0)
-        if at.size:
-            path = Path(at, np.tile([Path.MOVETO, Path.LINETO], at.shape[0] // 2))
-            self._add(PathPatch(path, fill=False, ec=color, lw=size, capstyle=cap, alpha=alpha))
+        if not good.any():
+            return
+        at = np.repeat(self.transform.transform(np.column_stack([x[good], y[good]])), 2, axis=0)
+        side = 0.85 * size if square else 0.0
+        at[0::2, 0] -= side / 2
+        at[1::2, 0] += side / 2
+        path = Path(at, np.tile([Path.MOVETO, Path.LINETO], at.shape[0] // 2))
+        path.should_simplify = False
+        cap, width = ("butt", side) if square else ("round", size)
+        patch = PathPatch(path, fill=False, ec=color, lw=width, capstyle=cap, alpha=alpha)
+        self._add(patch, in_pixels=True)
 
     def segments(
-        self, ends: Sequence[tuple[float, float, float, float]], color: str = GRID, width: float = 0.8,
-        dash: Sequence[float] = (), *, clip: bool = True,
+        self, ends: Sequence[tuple[float, float, float, float]], color: str = GRID,
+        width: float = 0.8, dash: Sequence[float] = (), *, clip: bool = True,
     ) -> None:  # fmt: skip
         """Straight lines (x0, y0, x1, y1), one artist for all."""
         if not ends:
@@ -132,12 +157,12 @@ class Panel:
 
     def words(
         self, x: float, y: float, text: str, *, color: str = MUTED, size: float = TEXT_SIZE,
-        align: str = "center", weight: str = "normal",
+        align: str = "center", italic: bool = False,
     ) -> None:  # fmt: skip
         """Text with its baseline at pixels measured from the lower left corner of the panel."""
         self._add(
             Text(self.left + x, self.bottom + y, text, color=color, fontsize=size, ha=align,
-                 va="baseline", fontweight=weight),
+                 va="baseline", fontstyle="italic" if italic else "normal"),
             in_pixels=True, clip=False,
         )  # fmt: skip
 
@@ -146,9 +171,12 @@ class Panel:
         (low, high), (bottom, top) = self.x, self.y
         self.segments([(t, bottom, t, top) for t in ticks if low <= t <= high])
         self.segments([(low, bottom, high, bottom)], color=FAINT, clip=False)
+        end = -self.width
         for tick, label in zip(ticks, labels, strict=True):
-            if low <= tick <= high:
-                self.words(self.width * (tick - low) / (high - low), -13, label)
+            at, half = self.width * (tick - low) / (high - low), CHARACTER * len(label) / 2
+            if low <= tick <= high and at - half >= end:
+                self.words(at, -13, label)
+                end = at + half + CHARACTER if label else end
         if title:
             self.words(self.width / 2, -28, title, color=INK)
 
@@ -158,7 +186,9 @@ class Panel:
         self.segments([(left, t, right, t) for t in ticks if low <= t <= high])
         for tick, label in zip(ticks, labels, strict=True):
             if low <= tick <= high:
-                self.words(-6, self.height * (tick - low) / (high - low) - 3.6, label, align="end")
+                self.words(
+                    -6, self.height * (tick - low) / (high - low) - 3.6, label, align="right"
+                )
         if title:
             self.words(-self.left + 2, self.height + 9, title, color=INK, align="left")
 
@@ -168,7 +198,8 @@ class Panel:
         margin = 4 * (self.height + self.width)
         pixels = np.clip(pixels, -margin, margin)
         cleaned = Path(pixels).cleaned(simplify=True)
-        return np.asarray(cleaned.vertices[cleaned.codes != Path.STOP], dtype=np.float64)
+        vertices = np.asarray(cleaned.vertices, dtype=np.float64)
+        return np.asarray(vertices[cleaned.codes != Path.STOP])
 
     def _add(self, artist: Artist, *, in_pixels: bool = False, clip: bool = True) -> None:
         artist.set_transform(IdentityTransform() if in_pixels else self.transform)
@@ -178,22 +209,26 @@ class Panel:
             artist.set_clip_box(TransformedBbox(box, IdentityTransform()))
 
 
-def linear_ticks(low: float, high: float, count: int = 5) -> tuple[list[float], list[str]]:
-    """Round numbers inside [low, high], at most about ``count``, and how they are written.
+def linear_ticks(low: float, high: float, *, least: int = 3) -> tuple[list[float], list[str]]:
+    """Round numbers inside [low, high], ``least`` to about six of them, and how they are written.
 
     Examples
     --------
-    >>> linear_ticks(-0.011, 0.012, 4)
+    >>> linear_ticks(-0.011, 0.012)
     ([-0.01, 0.0, 0.01], ['−0.01', '0', '0.01'])
+    >>> linear_ticks(1.5221, 1.5299)[1]
+    ['1.524', '1.526', '1.528']
     """
     span = high - low
     if not span > 0:
         return [low], [number(low)]
-    rough = span / count
-    power = 10.0 ** floor(log10(rough))
-    step = next(m * power for m in (1, 2, 5, 10) if m * power >= rough * (1 - 1e-9))
-    decimals = max(0, -floor(log10(step) + 1e-9))
-    index = range(ceil(low / step - 1e-9), floor(high / step + 1e-9) + 1)
+    power = 10.0 ** floor(log10(span))
+    for factor in (5.0, 2.0, 1.0, 0.5, 0.25):
+        step = factor * power
+        index = range(ceil(low / step - 1e-9), floor(high / step + 1e-9) + 1)
+        if len(index) >= least:
+            break
+    decimals = max(0, round(-log10(power)) + {0.5: 1, 0.25: 2}.get(factor, 0))
     ticks = [round(i * step, 12) for i in index]
     return ticks, ["0" if t == 0 else fixed(t, decimals) for t in ticks]
 
@@ -225,7 +260,9 @@ def log10_or_gap(values: Any) -> Array:
 
 def limits(*values: Any, pad: float = 0.05, least: float = 0.0) -> tuple[float, float]:
     """Range of everything finite, widened by ``pad`` and to at least ``least``."""
-    joined = np.concatenate([np.ravel(np.asarray(v, dtype=np.float64)) for v in values] or [np.zeros(0)])
+    joined = np.concatenate(
+        [np.ravel(np.asarray(v, dtype=np.float64)) for v in values] or [np.zeros(0)]
+    )
     finite = joined[np.isfinite(joined)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
     extra = max(pad * (high - low), (least - (high - low)) / 2, 1e-12 + 1e-9 * abs(high))

@@ -12,13 +12,14 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import StringIO
+from typing import Any
 
 import matplotlib as mpl
 from markupsafe import Markup, escape
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-STYLE = {
+STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "pbrdf_bayes",
     "font.family": "sans-serif",
@@ -32,12 +33,11 @@ STYLE = {
 _ATTRIBUTE = re.compile(r' (d|x|y|width|height|transform)="([^"]*)"')
 _DECIMAL = re.compile(r"-?\d+\.\d+")
 _BREAK = re.compile(r"\s+(?=[A-Za-z])|(?<=[A-Za-z])\s+|\s+$")
-_DOT = re.compile(r"M(\S+ \S+?)L\1(?=[MLz]|$)")
+_LEVEL = re.compile(r"M(\S+) (\S+?)L(\S+) \2(?=[MLz]|$)")
 _FONT = re.compile(r"font-family: [^;\"]*;? ?")
 _NO_TURN = re.compile(r' transform="rotate\(-?0 [^"]*\)"')
 _ID = re.compile(r' id="([^"]*)"')
 _REFERENCE = re.compile(r'url\(#([^)]*)\)|href="#([^"]*)"')
-_SUBSCRIPT = re.compile(r"_([^\s<_]+)")
 _TEXT = re.compile(r"(<text[^>]*>)([^<]*)(</text>)")
 
 
@@ -81,7 +81,7 @@ def inline_svg(figure: Figure, *, name: str, label: str) -> Markup:
         f'<svg class="plot" viewBox="0 0 {width:.0f} {height:.0f}" role="img"'
         f' style="max-width:{1.35 * width:.0f}px" aria-label="{escape(label)}">'
     )
-    return Markup(opening + body)  # noqa: S704 - the label is escaped, the rest is drawn here
+    return Markup(opening + body)  # the label is escaped, the rest is drawn here
 
 
 def _own_ids(body: str, name: str) -> str:
@@ -89,16 +89,14 @@ def _own_ids(body: str, name: str) -> str:
     used = [a or b for a, b in _REFERENCE.findall(body)]
     new = {old: f"{name}-{i}" for i, old in enumerate(dict.fromkeys(used))}
     body = _ID.sub(lambda m: f' id="{new[m[1]]}"' if m[1] in new else "", body)
-    return _REFERENCE.sub(
-        lambda m: f"url(#{new[m[1]]})" if m[1] else f'href="#{new[m[2]]}"', body
-    )
+    return _REFERENCE.sub(lambda m: f"url(#{new[m[1]]})" if m[1] else f'href="#{new[m[2]]}"', body)
 
 
 def _short_attribute(match: re.Match[str]) -> str:
-    """Two decimals of a pixel are plenty; line breaks go, points become zero-length lines."""
+    """Two decimals of a pixel are plenty; line breaks go, level lines get shorter."""
     value = _DECIMAL.sub(_short_number, match[2])
     if match[1] == "d":
-        value = _DOT.sub(r"M\1h0", _BREAK.sub("", value))
+        value = _LEVEL.sub(r"M\1 \2H\3", _BREAK.sub("", value))
     return f' {match[1]}="{value}"'
 
 
@@ -109,7 +107,10 @@ def _short_number(match: re.Match[str]) -> str:
 
 def _with_subscripts(match: re.Match[str]) -> str:
     """Set what follows an underscore smaller and lower."""
-    lowered = _SUBSCRIPT.sub(
-        r'<tspan dy=".22em" font-size=".76em">\1</tspan><tspan dy="-.17em">\u200b</tspan>', match[2]
-    )
-    return f"{match[1]}{lowered}{match[3]}"
+    head, mark, tail = match[2].partition("_")
+    if not mark:
+        return match[0]
+    low, space, rest = tail.partition(" ")
+    after = f'<tspan dy="-.17em">{space}{rest}</tspan>' if rest else ""
+    lowered = f'<tspan dy=".22em" font-size=".76em">{low}</tspan>'
+    return f"{match[1]}{head}{lowered}{after}{match[3]}"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup, escape
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from pbrdf_bayes.report.numbers import (
@@ -22,9 +22,11 @@ from pbrdf_bayes.report.numbers import (
     percent,
     rounded,
     seconds,
+    symbol_markup,
 )
 
 Record = Mapping[str, Any]
+DIAGONAL = ("1", "#eceef0", "#59636e")
 ORDER = {"FAIL": 0, "WARN": 1, "PASS": 2, "SKIP": 3}
 
 
@@ -81,20 +83,9 @@ class CorrelationRow:
     cells: tuple[tuple[str, str, str], ...]
 
 
-def symbol_markup(symbol: str) -> Markup:
-    """Return a symbol with what follows its first underscore as a subscript.
-
-    Examples
-    --------
-    >>> str(symbol_markup("σ_N0")), str(symbol_markup("n"))
-    ('σ<sub>N0</sub>', 'n')
-    """
-    head, _, tail = symbol.partition("_")
-    lowered = Markup("<sub>{}</sub>").format(tail) if tail else Markup("")
-    return Markup("{}{}").format(head, lowered)
-
-
-def parameter_rows(summary: Record, priors: Mapping[str, NDArray[np.float64]]) -> list[ParameterRow]:
+def parameter_rows(
+    summary: Record, priors: Mapping[str, NDArray[np.float64]]
+) -> list[ParameterRow]:
     """Physical parameters first, in the order of the summary.
 
     Parameters
@@ -149,19 +140,24 @@ def _bar(p: Record, prior: NDArray[np.float64]) -> Bar | None:
     left = float(np.clip(100 * (low - start) / (end - start), 0, 100))
     right = float(np.clip(100 * (high - start) / (end - start), 0, 100))
     width = max(right - left, 1.5)
-    words = f"prior 95 % {number(start)} to {number(end)}; posterior covers {number(right - left, digits=2)} % of it"
+    words = (
+        f"prior 95 % {number(start)} to {number(end)}; "
+        f"posterior covers {number(right - left, digits=2)} % of it"
+    )
     return Bar(round(min(left, 100 - width), 2), round(width, 2), words)
 
 
 def check_rows(summary: Record) -> tuple[list[CheckRow], list[CheckRow]]:
-    """Checks of the data and diagnostics of the fit."""
+    """Return the checks of the data and the diagnostics of the fit."""
     data = [_check_row(c) for c in summary["input"]["checks"]]
     return data, [_check_row(c) for c in summary["diagnostics"].values()]
 
 
 def attention(rows: Sequence[CheckRow]) -> list[CheckRow]:
     """Return what did not pass, failures first."""
-    return sorted((r for r in rows if r.verdict in ("FAIL", "WARN")), key=lambda r: ORDER[r.verdict])
+    return sorted(
+        (r for r in rows if r.verdict in ("FAIL", "WARN")), key=lambda r: ORDER[r.verdict]
+    )
 
 
 def tally(rows: Sequence[CheckRow]) -> str:
@@ -172,8 +168,12 @@ def tally(rows: Sequence[CheckRow]) -> str:
     >>> tally([CheckRow("a", v, "", "", "", "") for v in ("PASS", "PASS", "WARN", "SKIP")])
     '2 checks passed, 1 warning, 1 not applicable'
     """
-    words = {"PASS": ("check passed", "checks passed"), "FAIL": ("failure", "failures"),
-             "WARN": ("warning", "warnings"), "SKIP": ("not applicable", "not applicable")}  # fmt: skip
+    words = {
+        "PASS": ("check passed", "checks passed"),
+        "FAIL": ("failure", "failures"),
+        "WARN": ("warning", "warnings"),
+        "SKIP": ("not applicable", "not applicable"),
+    }
     counts = {v: sum(r.verdict == v for r in rows) for v in words}
     return ", ".join(f"{n} {words[v][n != 1]}" for v, n in counts.items() if n)
 
@@ -202,7 +202,7 @@ def correlation_rows(summary: Record) -> list[CorrelationRow]:
     names, matrix = summary["correlation"]["names"], summary["correlation"]["matrix"]
     symbols = [summary["parameters"].get(n, {}).get("symbol", n) for n in names]
     return [
-        CorrelationRow(symbol_markup(symbols[i]), tuple(_cell(v) for v in row[: i + 1]))
+        CorrelationRow(symbol_markup(symbols[i]), (*(_cell(v) for v in row[:i]), DIAGONAL))
         for i, row in enumerate(matrix)
     ]
 
@@ -226,7 +226,8 @@ def scan_rows(summary: Record) -> list[tuple[str, ...]]:
             s["label"], s["polarization"], degrees(s["theta_i_deg"]), degrees(s["phi_r_deg"]),
             count(s["n"]), f"{degrees(s['theta_r_min_deg'])} to {degrees(s['theta_r_max_deg'])}",
             f"{number(s['value_min'])} to {number(s['value_max'])}",
-            number(s["rms_dex"], digits=2), number(s["bias_dex"], digits=2), fixed(s["lag1"], 2),
+            number(s["rms_dex"], digits=2), rounded(s["bias_dex"], s["rms_dex"]).value,
+            fixed(s["lag1"], 2),
         )
         for s in summary["input"]["scans"]
     ]  # fmt: skip
@@ -284,13 +285,12 @@ def timing_rows(summary: Record) -> list[tuple[str, str]]:
     """Stage and duration, the sum last."""
     timings = summary["timings"]
     total = sum(v for v in (finite(t) for t in timings.values()) if v is not None)
-    lines = [(stage.replace("_", " "), seconds(t)) for stage, t in timings.items() if stage != "total"]
+    lines = [
+        (stage.replace("_", " "), seconds(t)) for stage, t in timings.items() if stage != "total"
+    ]
     return [*lines, ("total", seconds(timings.get("total", total)))]
 
 
 def words_of(items: Sequence[str], none: str) -> str:
     """Join words by commas, or what to say where there are none."""
     return ", ".join(map(str, items)) or none
-
-
-__all__ = ["attention", "check_rows", "correlation_rows", "escape", "facts"]

@@ -233,7 +233,9 @@ def _curves(case: Case) -> xr.Dataset:
     between = [10.0, 30.0, 50.0, 70.0] if len(case.theta_i_deg) > 1 else [0.0, 45.0]
     angles = [(a, True) for a in case.theta_i_deg] + [(a, False) for a in between]
     pols = case.polarizations if case.polarizations != ("u",) else ("s", "p", "u")
-    keys = [(p, a, m) for a, m in angles for p in pols if p == "u" or not m or pols != ("s", "p", "u")]
+    keys = [
+        (p, a, m) for a, m in angles for p in pols if p == "u" or not m or pols != ("s", "p", "u")
+    ]
     theta_r = np.arange(-85.0, 85.5, 0.5)
     pol = np.array([k[0] for k in keys])
     theta_i = np.array([k[1] for k in keys])
@@ -260,7 +262,11 @@ def _dhr_curves(case: Case) -> xr.Dataset:
     model, predictive = _bands(curve, 0.004 if case.dhr else 0.3, 0.01)
     dims = ("polarization", "theta_i_deg", "quantile")
     return xr.Dataset(
-        {"model_band": (dims, model), "predictive_band": (dims, predictive), "map": (dims[:2], curve)},
+        {
+            "model_band": (dims, model),
+            "predictive_band": (dims, predictive),
+            "map": (dims[:2], curve),
+        },
         coords={"quantile": list(QUANTILES), "theta_i_deg": theta_i, "polarization": pol},
     )
 
@@ -285,7 +291,9 @@ def _summary(
     case: Case, names: list[str], posterior: xr.Dataset, prior: xr.Dataset, data: dict[str, Any]
 ) -> dict[str, Any]:
     scans = _scan_records(case, data)
-    parameters = {n: _parameter_record(n, case, posterior[n].values, prior[n].values) for n in names}
+    parameters = {
+        n: _parameter_record(n, case, posterior[n].values, prior[n].values) for n in names
+    }
     stacked = np.array([posterior[n].values.ravel() for n in names])
     rms = {s["label"]: s["rms_dex"] for s in scans}
     overall = float(np.sqrt(np.mean(np.square(list(rms.values()))))) if rms else None
@@ -380,11 +388,22 @@ def _check(title: str, value: Any, threshold: Any, unit: str, verdict: str, stat
 
 
 def _input_checks(case: Case) -> list[dict[str, Any]]:
-    level = _check("BRDF level against DHR", 0.013 if case.dhr else None, 0.1, "relative",
-                   "PASS" if case.dhr else "SKIP",
-                   "The in-plane BRDF and the DHR agree." if case.dhr else "There are no DHR readings.")
-    symmetry = _check("Symmetry at normal incidence", 0.002, 0.02, "dex", "PASS",
-                      "Forward and backward halves agree.")
+    level = _check(
+        "BRDF level against DHR",
+        0.013 if case.dhr else None,
+        0.1,
+        "relative",
+        "PASS" if case.dhr else "SKIP",
+        "The in-plane BRDF and the DHR agree." if case.dhr else "There are no DHR readings.",
+    )
+    symmetry = _check(
+        "Symmetry at normal incidence",
+        0.002,
+        0.02,
+        "dex",
+        "PASS",
+        "Forward and backward halves agree.",
+    )
     return [{"name": "dhr_level", **level}, {"name": "symmetry", **symmetry}]  # fmt: skip
 
 
@@ -442,7 +461,7 @@ def _config_toml(case: Case) -> str:
         return f'"{value}"' if isinstance(value, str) else str(value)
 
     lines = [f"{k} = {text(v)}" for k, v in _config(case).items() if not isinstance(v, Mapping)]
-    return "\n".join([*lines, "", "[priors]", "# preset \"paint\"", ""])
+    return "\n".join([*lines, "", "[priors]", '# preset "paint"', ""])
 
 
 def all_cases() -> dict[str, Callable[[], Analysis]]:

@@ -1,0 +1,66 @@
+"""The text of the ``check`` verb: what a file holds and what is odd about it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pbrdf_bayes.data_checks import check_measurement
+from pbrdf_bayes.io.tidy_csv import read_samples
+from pbrdf_bayes.measurement import Measurement
+
+_MARK = {"PASS": "ok  ", "WARN": "WARN", "FAIL": "FAIL", "SKIP": "-   "}
+
+
+def describe_file(path: Path, *, brdf_floor: float = 0.0) -> tuple[str, bool]:
+    """Summary of every sample of a tidy CSV, and whether all of them are usable.
+
+    Parameters
+    ----------
+    path : Path
+    brdf_floor : float
+        Noise-equivalent BRDF [sr^-1].
+
+    Returns
+    -------
+    tuple of str and bool
+
+    Raises
+    ------
+    DataError
+        When the file as a whole cannot be read.
+    """
+    content = read_samples(path, brdf_floor=brdf_floor)
+    blocks = [f"{content.source}: {content.n_rows} rows, sha256 {content.sha256[:12]}"]
+    blocks += [f"warning: {text}" for text in content.warnings]
+    blocks += [_describe(m, set(content.warnings)) for m in content.measurements.values()]
+    blocks += [f"{name}: not usable\n{text}" for name, text in content.errors.items()]
+    if content.message and not content.errors:
+        blocks.append(content.message)
+    return "\n\n".join(blocks), not content.message
+
+
+def _describe(m: Measurement, said: set[str]) -> str:
+    lines = [f"{m.sample}, {m.wavelength_um:g} um: {len(m.brdf)} BRDF and {len(m.dhr)} DHR readings"]
+    for scan in m.scans:
+        theta, value = m.brdf.theta_r_deg[scan.rows], m.brdf.value[scan.rows]
+        lines.append(
+            f"  scan {scan.label:<16} {len(scan):5d} rows  theta_r {theta.min():g} to "
+            f"{theta.max():g} deg  BRDF {value.min():.3g} to {value.max():.3g} sr^-1"
+        )
+    for q in dict.fromkeys(m.dhr.polarization.tolist()):
+        rows = m.dhr.polarization == q
+        angle, value = m.dhr.theta_i_deg[rows], m.dhr.value[rows]
+        lines.append(
+            f"  DHR  {q:<16} {rows.sum():5d} rows  theta_i {angle.min():g} to {angle.max():g} deg  "
+            f"DHR {value.min():.3g} to {value.max():.3g}"
+        )
+    lines += [f"  excluded by flag {flag!r}: {count} rows" for flag, count in m.excluded.items()]
+    lines += [f"  warning: {text}" for text in m.warnings if text not in said]
+    for check in check_measurement(m):
+        lines.append(f"  {_MARK[check.verdict]} {check.title}: {check.statement}")
+        if check.advice and check.verdict in ("WARN", "FAIL"):
+            lines.append(f"       {check.advice}")
+    if len(m.brdf):
+        span = m.brdf.value.max() / max(m.brdf.value[m.brdf.value > 0.0].min(initial=1e99), 1e-99)
+        lines.append(f"  dynamic range of the BRDF: {span:.3g}")
+    return "\n".join(lines)

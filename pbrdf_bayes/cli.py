@@ -1,0 +1,305 @@
+"""The command line: arguments in, workflow called, exit code out; no science.
+
+Only light modules are imported here, so that ``--help`` answers at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from pbrdf_bayes import __version__
+from pbrdf_bayes.errors import ConfigError, ConvergenceError, PbrdfError
+
+if TYPE_CHECKING:
+    from pbrdf_bayes.model import Parameters
+
+DONE, BAD_INPUT, NOT_CONVERGED, STRICT_FAIL, INTERRUPTED = 0, 2, 3, 4, 130
+
+_EPILOG = """\
+exit codes: 0 done (a QA FAIL is still done; --strict makes it 4), 2 bad input or usage,
+3 the computation did not converge (results kept, marked), 130 interrupted
+
+the CSV: UTF-8 with a header; columns sample, wavelength_um, quantity (brdf or dhr),
+polarization (s, p or u), theta_i_deg, theta_r_deg (brdf only; signed, + = forward), value;
+optional sigma, n_repeats, phi_r_deg, scan, flag
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one verb; returns the exit code.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Without the program's name; those of the process by default.
+
+    Returns
+    -------
+    int
+    """
+    options = build_parser().parse_args(arguments)
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        code: int = options.run(options)
+        sys.stdout.flush()
+    except PbrdfError as error:
+        print(f"pbrdf-bayes {options.verb}: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("\ninterrupted; nothing was left half written", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    return code
+
+
+def _interrupt(*_: object) -> NoReturn:
+    raise KeyboardInterrupt
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser with one sub-parser for each verb."""
+    parser = argparse.ArgumentParser(
+        prog="pbrdf-bayes",
+        description="Posterior of (n, k, sigma_N0, rho0) of a paint sample from BRDF scans and DHR "
+        "readings, with predicted s and p curves and a report to file.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"pbrdf-bayes {__version__}")
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
+    for add in (_add_check, _add_fit, _add_report, _add_predict, _add_simulate):
+        add(verbs)
+    return parser
+
+
+def _verb(
+    verbs: Any, name: str, run: Callable[[argparse.Namespace], int], text: str
+) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(name, help=text, description=text)
+    parser.set_defaults(run=run)
+    return parser
+
+
+def _add_check(verbs: Any) -> None:
+    parser = _verb(verbs, "check", _check, "Validate a CSV and summarise what it holds.")
+    parser.add_argument("csv", type=Path, metavar="CSV")
+    parser.add_argument("--brdf-floor", type=float, default=0.0, metavar="SR-1",
+                        help="noise-equivalent BRDF; readings at or below it are censored")  # fmt: skip
+
+
+def _add_fit(verbs: Any) -> None:
+    parser = _verb(verbs, "fit", _fit, "Fit a sample: MAP, posterior, diagnostics, report.")
+    parser.add_argument("csv", type=Path, metavar="CSV")
+    parser.add_argument("--sample", metavar="NAME", help="which sample of the file")
+    parser.add_argument("--wavelength", type=float, metavar="UM", help="which wavelength [um]")
+    parser.add_argument("--out", type=Path, metavar="DIR",
+                        help="the run folder itself (default reports/<sample>/<time>)")  # fmt: skip
+    parser.add_argument("--config", type=Path, metavar="TOML", help="choices of the run")
+    parser.add_argument("--accuracy", metavar="LEVEL",
+                        help="draft, standard (default) or reference")  # fmt: skip
+    parser.add_argument("--effects", metavar="NAMES",
+                        help="none (default: the four-parameter model), or names with commas")  # fmt: skip
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed (default 1)")
+    parser.add_argument("--resume", action="store_true",
+                        help="start or go on with the run in DIR; a finished one is kept")  # fmt: skip
+    parser.add_argument("--strict", action="store_true", help="exit 4 when the verdict is FAIL")
+    parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
+
+
+def _add_report(verbs: Any) -> None:
+    parser = _verb(verbs, "report", _report, "Rebuild the report of a run folder.")
+    parser.add_argument("folder", type=Path, metavar="DIR")
+
+
+def _add_predict(verbs: Any) -> None:
+    parser = _verb(verbs, "predict", _predict,
+                   "Predicted curves, with bands where a run folder is given.")  # fmt: skip
+    parser.add_argument("folder", type=Path, metavar="DIR", nargs="?", help="a finished run")
+    _add_parameters(parser, required=False)
+    _add_angles(parser, theta_r="-85:85:1")
+    parser.add_argument("--dhr-theta-i", type=_numbers, default=[], metavar="DEG,...",
+                        help="incidence angles of DHR rows")  # fmt: skip
+    parser.add_argument("--phi-r", type=float, default=0.0, metavar="DEG", help="azimuth (default 0)")
+    parser.add_argument("--rtol", type=float, default=1e-8, help="tolerance with --params (1e-8)")
+    parser.add_argument("--out", type=Path, metavar="CSV", help="default: standard output")
+
+
+def _add_simulate(verbs: Any) -> None:
+    parser = _verb(verbs, "simulate", _simulate, "Write synthetic readings, labelled simulated.")
+    _add_parameters(parser, required=True)
+    _add_angles(parser, theta_r="-80:80:0.5")
+    parser.add_argument("--dhr-theta-i", type=_numbers, metavar="DEG,...",
+                        default=[float(a) for a in range(10, 90, 10)],
+                        help="incidence angles of the DHR readings (10,20,...,80; none: '')")  # fmt: skip
+    parser.add_argument("--sample", default="paint_simulated", metavar="NAME")
+    parser.add_argument("--wavelength", type=float, default=3.39, metavar="UM")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of the noise")
+    parser.add_argument("--noise", type=float, default=0.02, help="relative noise (0.02)")
+    parser.add_argument("--dhr-noise", type=float, default=0.0005, help="noise of DHR (0.0005)")
+    parser.add_argument("--calibration", type=float, default=0.0,
+                        help="relative sd of the gain of each scan (0)")  # fmt: skip
+    parser.add_argument("--dhr-calibration", type=float, default=0.0,
+                        help="relative sd of the gain of the DHR of a polarisation (0)")  # fmt: skip
+    parser.add_argument("--out", type=Path, required=True, metavar="CSV")
+
+
+def _add_parameters(parser: argparse.ArgumentParser, *, required: bool) -> None:
+    parser.add_argument(
+        "--params", metavar="JSON", required=required,
+        help='file or text: {"n": 1.526, "k": 0.193, "sigma_n0": 0.4528, "rho0": 0.47}',
+    )  # fmt: skip
+
+
+def _add_angles(parser: argparse.ArgumentParser, *, theta_r: str) -> None:
+    parser.add_argument("--theta-i", type=_numbers, default=[0.0, 20.0, 40.0, 60.0, 80.0],
+                        metavar="DEG,...", help="incidence angles (0,20,40,60,80)")  # fmt: skip
+    parser.add_argument("--theta-r", type=_grid, default=_grid(theta_r), metavar="LO:HI:STEP",
+                        help=f"scattering angles ({theta_r}); write --theta-r=-80:80:1")  # fmt: skip
+    parser.add_argument("--polarization", type=_words, default=["s", "p"], metavar="s,p,u",
+                        help="polarisations (s,p)")  # fmt: skip
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",") if part.strip()]
+    except ValueError:
+        msg = f"{text!r}: give numbers with commas, e.g. 20,40,60"
+        raise argparse.ArgumentTypeError(msg) from None
+
+
+def _grid(text: str) -> list[float]:
+    try:
+        low, high, step = (float(part) for part in text.split(":"))
+        count = round((high - low) / step)
+        if step <= 0.0 or count < 0 or count > 1_000_000:
+            raise ValueError
+    except (ValueError, ZeroDivisionError, OverflowError):
+        msg = f"{text!r}: give LO:HI:STEP with STEP > 0, e.g. -80:80:0.5"
+        raise argparse.ArgumentTypeError(msg) from None
+    return [low + step * i for i in range(count + 1)]
+
+
+def _words(text: str) -> list[str]:
+    words = [part.strip() for part in text.split(",") if part.strip()]
+    if not words or any(word not in ("s", "p", "u") for word in words):
+        msg = f"{text!r}: give s, p or u with commas"
+        raise argparse.ArgumentTypeError(msg)
+    return words
+
+
+def _parameters(text: str) -> Parameters:
+    from pbrdf_bayes.model import DOMAIN, Parameters
+
+    try:
+        content = text if text.lstrip().startswith("{") else Path(text).read_text(encoding="utf-8")
+        table = json.loads(content)
+    except (OSError, ValueError) as error:
+        msg = f"--params {text}: not JSON and not a JSON file ({error})"
+        raise ConfigError(msg) from None
+    if isinstance(table, dict) and isinstance(table.get("parameters"), dict):  # a summary.json
+        table = {k: v.get("map") for k, v in table["parameters"].items() if k in DOMAIN}
+    if not isinstance(table, dict) or set(table) != set(DOMAIN):
+        given = ", ".join(table) if isinstance(table, dict) else type(table).__name__
+        msg = f"--params {text}: needs exactly {', '.join(DOMAIN)}; got {given}"
+        raise ConfigError(msg)
+    return Parameters(**table)
+
+
+def _check(options: argparse.Namespace) -> int:
+    from pbrdf_bayes.checking import describe_file
+
+    text, clean = describe_file(options.csv, brdf_floor=options.brdf_floor)
+    print(text)
+    return DONE if clean else BAD_INPUT
+
+
+def _fit(options: argparse.Namespace) -> int:
+    from pbrdf_bayes.io.config_toml import read_config
+    from pbrdf_bayes.terminal import observer
+    from pbrdf_bayes.workflow import fit_file
+
+    config = read_config(
+        options.config, {"accuracy": options.accuracy, "effects": _effects(options.effects)}
+    )
+    run = fit_file(
+        options.csv, config, sample=options.sample, wavelength_um=options.wavelength,
+        out=options.out, seed=options.seed, resume=options.resume,
+        observer=observer(quiet=options.quiet),
+    )  # fmt: skip
+    print(run.folder)
+    if run.status != "done":
+        error = ConvergenceError(
+            f"{run.folder}: not converged within max_steps; results are kept and marked. "
+            "Raise max_steps in the configuration"
+        )
+        print(f"pbrdf-bayes fit: {error}", file=sys.stderr)
+        return NOT_CONVERGED
+    return STRICT_FAIL if options.strict and run.verdict == "FAIL" else DONE
+
+
+def _effects(text: str | None) -> tuple[str, ...] | None:
+    if text is None:
+        return None
+    if text == "none":
+        return ()
+    return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+def _report(options: argparse.Namespace) -> int:
+    from pbrdf_bayes.workflow import rebuild_report
+
+    print(rebuild_report(options.folder))
+    return DONE
+
+
+def _predict(options: argparse.Namespace) -> int:
+    from pbrdf_bayes.prediction import predict_table
+
+    if (options.folder is None) == (options.params is None):
+        msg = "give either a run folder or --params, not both and not neither"
+        raise ConfigError(msg)
+    text = predict_table(
+        folder=options.folder,
+        parameters=None if options.params is None else _parameters(options.params),
+        theta_i_deg=options.theta_i, theta_r_deg=options.theta_r, phi_r_deg=options.phi_r,
+        dhr_theta_i_deg=options.dhr_theta_i, polarizations=options.polarization,
+        rtol=options.rtol,
+    )  # fmt: skip
+    _write_out(text, options.out)
+    return DONE
+
+
+def _write_out(text: str, out: Path | None) -> None:
+    if out is None:
+        sys.stdout.write(text)
+        return
+    from pbrdf_bayes.io.run_folder import write_text
+
+    write_text(out, text)
+    print(out)
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    from pbrdf_bayes.io.tidy_csv import write_tidy_csv
+    from pbrdf_bayes.simulate import simulate_measurement
+
+    measurement = simulate_measurement(
+        _parameters(options.params), seed=options.seed, sample=options.sample,
+        wavelength_um=options.wavelength, theta_i_deg=options.theta_i,
+        theta_r_deg=options.theta_r, dhr_theta_i_deg=options.dhr_theta_i,
+        polarizations=options.polarization, relative_noise=options.noise,
+        dhr_noise=options.dhr_noise, u_brdf_cal=options.calibration,
+        u_dhr_cal=options.dhr_calibration,
+    )  # fmt: skip
+    write_tidy_csv(measurement, options.out)
+    print(options.out)
+    return DONE

@@ -1,0 +1,54 @@
+"""The one place that talks to ArviZ, whose two generations (Python 3.11, 3.12+) differ elsewhere.
+
+Arrays are (n_chains, n_draws, n_par); an ensemble is a group of chains (its walkers).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from arviz_stats.base import array_stats
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_TAIL = (0.05, 0.95)
+
+
+def ess_bulk(draws: Array) -> Array:
+    """Bulk effective sample size of each parameter, shape (n_par,)."""
+    return np.asarray(array_stats.ess(draws, chain_axis=0, draw_axis=1, method="bulk"))
+
+
+def ess_tail(draws: Array) -> Array:
+    """Effective sample size of the 5 % and 95 % quantiles, the smaller one, shape (n_par,)."""
+    return np.asarray(
+        array_stats.ess(draws, chain_axis=0, draw_axis=1, method="tail", prob=_TAIL)
+    )
+
+
+def mcse_mean(draws: Array) -> Array:
+    """Monte Carlo standard error of the mean of each parameter, shape (n_par,)."""
+    return np.asarray(array_stats.mcse(draws, chain_axis=0, draw_axis=1, method="mean"))
+
+
+def rhat_between(draws: Array, ensemble: NDArray[np.int64]) -> Array:
+    """Nested R-hat between ensembles, shape (n_par,) (Margossian et al. 2024, doi:10.1214/24-BA1453).
+
+    Walkers of one ensemble talk to each other: agreement among them is no evidence. ``ensemble``,
+    shape (n_chains,), says which walkers form one.
+    """
+    return np.array(
+        [
+            array_stats.rhat_nested(
+                draws[:, :, i], superchain_ids=ensemble, chain_axis=0, draw_axis=1
+            )
+            for i in range(draws.shape[2])
+        ]
+    )
+
+
+def pareto_smooth(log_weights: Array) -> tuple[Array, float]:
+    """Pareto-smoothed normalised log weights and k-hat (Vehtari et al. 2024, JMLR 25(72))."""
+    # psislw takes log-likelihoods, as leave-one-out does, and negates them
+    smoothed, k_hat = array_stats.psislw(-log_weights)
+    return np.asarray(smoothed), float(k_hat)

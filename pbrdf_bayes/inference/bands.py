@@ -1,0 +1,139 @@
+"""Predicted curves with two kinds of bands, never mixed.
+
+The model band holds the uncertainty of the parameters only: where the curve of the model is. The
+predictive band adds calibration and noise: where a new reading would be.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.physics.brdf import prepare_geometry
+from pbrdf_bayes.results import QUANTILES
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Bands:
+    """Quantiles of predictions, axis order (..., quantile), and the curve at the MAP.
+
+    Attributes
+    ----------
+    model, predictive : ndarray, shape (n_points, n_quantiles)
+    at_map : ndarray, shape (n_points,)
+    """
+
+    model: Array
+    predictive: Array
+    at_map: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """Where predictions are wanted, one array element each; angles [deg]."""
+
+    polarization: NDArray[np.str_]
+    theta_i_deg: Array
+    theta_r_deg: Array
+    phi_r_deg: Array
+
+    @property
+    def hemispherical(self) -> bool:
+        """DHR instead of BRDF: there is no scattering direction."""
+        return bool(np.isnan(self.theta_r_deg).all())
+
+
+def predict_bands(
+    posterior: Posterior, draws: Array, x_map: Array, targets: Targets, rng: np.random.Generator
+) -> Bands:
+    """Bands of the model and of new readings at the targets.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    draws : ndarray, shape (n_draws, n_par)
+        Posterior draws, physical units; a few hundred are enough for 5 % and 95 % quantiles.
+    x_map : ndarray, shape (n_par,)
+    targets : Targets
+        All BRDF [sr^-1] or all DHR [1].
+    rng : numpy.random.Generator
+        Noise of the predictive band.
+
+    Returns
+    -------
+    Bands
+    """
+    n = targets.theta_i_deg.size
+    none = np.zeros(0)
+    hemispherical = targets.hemispherical
+    radians = [np.deg2rad(a) for a in (targets.theta_i_deg, targets.theta_r_deg, targets.phi_r_deg)]
+    no_words = np.zeros(0, np.str_)
+    geometry = prepare_geometry(
+        theta_i=none if hemispherical else radians[0],
+        theta_r=none if hemispherical else radians[1],
+        phi_r=none if hemispherical else radians[2],
+        polarization=no_words if hemispherical else targets.polarization,
+        dhr_theta_i=radians[0] if hemispherical else none,
+        dhr_polarization=targets.polarization if hemispherical else no_words,
+    )
+    which = 1 if hemispherical else 0
+    curves = posterior.predict(draws, geometry)[which]
+    readings = (
+        replicate_dhr(posterior, draws, curves, targets.polarization, rng)
+        if hemispherical
+        else replicate_brdf(posterior, draws, curves, targets, rng)
+    )
+    return Bands(
+        model=np.quantile(curves, QUANTILES, axis=0).T.reshape(n, -1),
+        predictive=np.quantile(readings, QUANTILES, axis=0).T.reshape(n, -1),
+        at_map=posterior.predict(x_map[None, :], geometry)[which][0],
+    )
+
+
+def replicate_brdf(
+    posterior: Posterior, draws: Array, curves: Array, targets: Targets, rng: np.random.Generator
+) -> Array:
+    """New readings [sr^-1] for curves of shape (n_draws, n_points): gain of the scan, noise, floor.
+
+    A polarisation without a scan of its own takes the largest noise of the others.
+    """
+    names = posterior.parameter_names
+    inferred = {n[-1]: draws[:, i] for i, n in enumerate(names) if n.startswith("s_rel_")}
+    largest = (
+        np.max(list(inferred.values()), axis=0) if inferred else np.zeros(len(draws))
+    )
+    noise = np.stack([inferred.get(q, largest) for q in targets.polarization.tolist()], axis=1)
+    keys = np.stack([targets.theta_i_deg, targets.phi_r_deg], axis=1)
+    _, scan = np.unique(keys, axis=0, return_inverse=True)
+    scan = 3 * scan.ravel() + np.searchsorted(["p", "s", "u"], targets.polarization)
+    gains = rng.standard_normal((len(draws), int(scan.max(initial=0)) + 1))
+    gain = min(np.sqrt(posterior.rows.u_cal2), 1.0) * gains[:, scan]
+    floor = posterior.config.brdf_floor
+    f2 = np.maximum(curves, 1e-280) ** 2
+    sd = np.sqrt(noise**2 + floor**2 / (f2 + floor**2))
+    return np.asarray(
+        np.exp(0.5 * np.log(f2 + floor**2) + gain + sd * rng.standard_normal(curves.shape))
+    )
+
+
+def replicate_dhr(
+    posterior: Posterior, draws: Array, curves: Array, polarization: NDArray[np.str_],
+    rng: np.random.Generator,
+) -> Array:  # fmt: skip
+    """New DHR readings [1] for curves of shape (n_draws, n_points): gain and noise."""
+    names = posterior.parameter_names
+    stated = posterior.measurement.dhr.u_value
+    if "u_dhr" in names:
+        noise = draws[:, names.index("u_dhr")][:, None]
+    elif stated.size:
+        noise = np.full((len(draws), 1), np.median(stated))
+    else:
+        noise = np.zeros((len(draws), 1))
+    group = np.searchsorted(["p", "s", "u"], polarization)
+    gain = posterior.config.u_dhr_cal * rng.standard_normal((len(draws), 3))[:, group]
+    return np.asarray(curves * (1.0 + gain) + noise * rng.standard_normal(curves.shape))

@@ -1,0 +1,297 @@
+"""Verdicts on a run: each with its value, its threshold, what it means and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbrdf_bayes.config import RunConfig
+from pbrdf_bayes.inference.holdout import Holdout
+from pbrdf_bayes.inference.map_fit import MapResult
+from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.inference.residuals import Residuals
+from pbrdf_bayes.inference.sampling import AUTOCORRELATION_TIMES, RHAT_LIMIT, Draws
+
+Array = NDArray[np.float64]
+
+MISFIT_WARN_DEX = 0.05
+MISFIT_FAIL_DEX = 0.10
+NOISE_RATIO_WARN = 3.0
+LAG1_WARN = 0.2
+LAG1_FAIL = 0.5
+CONTRACTION_WARN = 0.5
+BOUND_SHARE_WARN = 0.2
+BOUND_QUANTILE = 0.01
+COVERAGE_WARN = (0.82, 0.97)
+RIVAL_NATS = 12.0
+
+PASS, WARN, FAIL = "PASS", "WARN", "FAIL"
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """One verdict.
+
+    Attributes
+    ----------
+    name, title : str
+    value : float
+        NaN where it could not be computed.
+    threshold : float
+    unit : str
+    verdict : {"PASS", "WARN", "FAIL"}
+    statement, advice : str
+        What was found, with its numbers; what follows from it (empty for PASS).
+    """
+
+    name: str
+    title: str
+    value: float
+    threshold: float
+    unit: str
+    verdict: str
+    statement: str
+    advice: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Identifiability:
+    """How far the data moved the prior of each physical parameter.
+
+    Attributes
+    ----------
+    names : tuple of str
+    contraction : ndarray, shape (n_physical,)
+        1 - var(posterior)/var(prior), the readings taken as independent.
+    honest : ndarray, shape (n_physical,)
+        The same with the likelihood weakened to the effective number of readings.
+    share : float
+        Effective over actual number of readings.
+    bound_share : ndarray, shape (n_physical,)
+        Posterior probability of the outermost 1 % of the prior on the fuller side.
+    """
+
+    names: tuple[str, ...]
+    contraction: Array
+    honest: Array
+    share: float
+    bound_share: Array
+
+
+def assess_identifiability(
+    posterior: Posterior, draws: Array, tempered: Array, share: float
+) -> Identifiability:
+    """Contraction of the physical parameters, from draws of shape (n_draws, n_par)."""
+    names, plain, honest, bound = [], [], [], []
+    for index, spec in enumerate(posterior.specs):
+        if spec.kind != "physical":
+            continue
+        prior_sd = spec.prior.standard_deviation
+        low, high = spec.prior.quantile(np.array([BOUND_QUANTILE, 1.0 - BOUND_QUANTILE]))
+        at_low = 0.0 if spec.name == "k" else np.mean(draws[:, index] < low)  # k = 0 is physical
+        names.append(spec.name)
+        plain.append(1.0 - (draws[:, index].std() / prior_sd) ** 2)
+        honest.append(1.0 - (tempered[:, index].std() / prior_sd) ** 2)
+        bound.append(max(float(at_low), float(np.mean(draws[:, index] > high))))
+    return Identifiability(
+        tuple(names), np.array(plain), np.array(honest), share, np.array(bound)
+    )
+
+
+def run_diagnostics(
+    *,
+    config: RunConfig,
+    draws: Draws,
+    optima: MapResult,
+    residuals: Residuals,
+    best_rms_dex: float,
+    white_noise_dex: float,
+    identifiability: Identifiability,
+    coverage: float,
+    holdout: Holdout | None,
+) -> tuple[Diagnostic, ...]:
+    """All verdicts on a run, in the order of the report."""
+    checks = [
+        _rhat(draws),
+        _ess(draws, config),
+        _chain_length(draws),
+        _modes(optima),
+        _identified(identifiability),
+        _bounds(identifiability),
+    ]
+    if np.isfinite(best_rms_dex):
+        checks[:0] = [
+            _misfit(best_rms_dex, white_noise_dex),
+            _correlation(residuals, identifiability.share),
+        ]
+    if np.isfinite(coverage):
+        checks.append(_coverage(coverage))
+    if holdout is not None:
+        checks.append(_holdout(holdout))
+    return tuple(checks)
+
+
+def overall_verdict(verdicts: Sequence[str]) -> str:
+    """The worst verdict."""
+    return FAIL if FAIL in verdicts else WARN if WARN in verdicts else PASS
+
+
+def _grade(value: float, warn: float, fail: float) -> str:
+    return FAIL if value > fail else WARN if value > warn else PASS
+
+
+def _percent(dex: float) -> float:
+    return 100.0 * (10.0**dex - 1.0)
+
+
+def _misfit(rms: float, noise: float) -> Diagnostic:
+    noise_limit = max(NOISE_RATIO_WARN * noise, 0.005) if np.isfinite(noise) else np.inf
+    verdict = _grade(rms, min(MISFIT_WARN_DEX, noise_limit), MISFIT_FAIL_DEX)
+    statement = (
+        f"At its least-squares optimum the model leaves {rms:.3f} dex rms ({_percent(rms):.0f} %); "
+        f"the white noise of the scans is {noise:.3f} dex."
+    )
+    advice = (
+        "The strict four-parameter model does not describe these readings. n, k, σ_N0 and ρ_0 are "
+        "then fitted numbers, not material constants, and their intervals are not valid."
+        if verdict == FAIL
+        else "The misfit is larger than the noise: intervals that take the model as exact are too "
+        "narrow. Look at the residuals for the angle at which it starts."
+        if verdict == WARN
+        else ""
+    )
+    return Diagnostic(
+        "misfit", "Model misfit", rms, MISFIT_FAIL_DEX, "dex", verdict, statement, advice
+    )
+
+
+def _correlation(residuals: Residuals, share: float) -> Diagnostic:
+    verdict = _grade(residuals.lag1, LAG1_WARN, LAG1_FAIL)
+    advice = (
+        f"Neighbouring readings are not independent: their information is that of about "
+        f"{100 * share:.2g} % of the rows, and the intervals of this i.i.d. likelihood are too "
+        f"narrow, by a factor of the order of {share**-0.5:.1f}."
+        if verdict != PASS
+        else ""
+    )
+    statement = f"Residuals of neighbouring angles correlate with {residuals.lag1:.2f}."
+    return Diagnostic(
+        "residual_correlation", "Residual correlation", residuals.lag1, LAG1_FAIL, "1", verdict,
+        statement, advice,
+    )  # fmt: skip
+
+
+def _rhat(draws: Draws) -> Diagnostic:
+    value = float(draws.rhat.max())
+    verdict = PASS if value < RHAT_LIMIT else FAIL
+    return Diagnostic(
+        "rhat", "Agreement of ensembles (nested R-hat)", value, RHAT_LIMIT, "1", verdict,
+        f"Largest R-hat between {len(np.unique(draws.ensemble))} independent ensembles: {value:.4f}.",
+        "" if verdict == PASS else "The ensembles disagree: give more steps (max_steps).",
+    )  # fmt: skip
+
+
+def _ess(draws: Draws, config: RunConfig) -> Diagnostic:
+    value = float(min(draws.ess_bulk.min(), draws.ess_tail.min()))
+    verdict = PASS if value >= config.ess_target else FAIL
+    return Diagnostic(
+        "ess", "Effective sample size", value, float(config.ess_target), "1", verdict,
+        f"Smallest bulk or tail effective sample size: {value:.0f}.",
+        "" if verdict == PASS else "Means and interval ends are noisy: give more steps (max_steps).",
+    )  # fmt: skip
+
+
+def _chain_length(draws: Draws) -> Diagnostic:
+    if draws.method == "psis":
+        return Diagnostic(
+            "k_hat", "Importance weights (Pareto k-hat)", draws.k_hat, 0.7, "1", PASS,
+            f"Pareto k-hat {draws.k_hat:.2f}: importance sampling is reliable here.",
+        )  # fmt: skip
+    value = (draws.n_steps - draws.n_burn) / draws.autocorrelation_time
+    verdict = PASS if value >= AUTOCORRELATION_TIMES else FAIL
+    return Diagnostic(
+        "chain_length", "Chain length in autocorrelation times", value, AUTOCORRELATION_TIMES, "1",
+        verdict, f"Kept steps are {value:.0f} autocorrelation times of "
+        f"{draws.autocorrelation_time:.1f} steps.",
+        "" if verdict == PASS else "The autocorrelation estimate needs a longer chain (max_steps).",
+    )  # fmt: skip
+
+
+def _modes(optima: MapResult) -> Diagnostic:
+    rivals = [
+        best.log_posterior for best in optima.optima[1:]
+        if optima.best.log_posterior - best.log_posterior < RIVAL_NATS
+    ]  # fmt: skip
+    gap = optima.best.log_posterior - rivals[0] if rivals else np.nan
+    statement = (
+        f"{optima.best.n_starts} of {optima.n_starts} starts end at the best optimum; "
+        + (f"{len(rivals)} other within {RIVAL_NATS:g} nats." if rivals else "no rival is near.")
+    )
+    return Diagnostic(
+        "modes", "Separate optima", float(gap), RIVAL_NATS, "nat", WARN if rivals else PASS,
+        statement,
+        "Several parameter sets explain the data: the weights between them are only as good as "
+        "the sampler's jumps. Add a polarisation, an angle or a DHR reading." if rivals else "",
+    )  # fmt: skip
+
+
+def _identified(found: Identifiability) -> Diagnostic:
+    value = float(found.honest.min())
+    weak = [
+        f"{name} ({c:.2f})"
+        for name, c in zip(found.names, found.honest, strict=True)
+        if c < CONTRACTION_WARN
+    ]
+    verdict = WARN if weak else PASS
+    basis = (
+        f", the readings counted as {100 * found.share:.2g} % of their number for their correlation"
+        if found.share < 1.0
+        else ""
+    )
+    statement = (
+        f"Not identified by the data: {', '.join(weak)} (variance explained by the data{basis})."
+        if weak
+        else f"The data explain at least {100 * value:.0f} % of every prior variance{basis}."
+    )
+    return Diagnostic(
+        "identifiability", "Identifiability", value, CONTRACTION_WARN, "1", verdict, statement,
+        "Their posterior is mostly the prior's. Polarised scans, DHR readings or a narrower, "
+        "defensible prior are needed before they are quoted." if weak else "",
+    )  # fmt: skip
+
+
+def _bounds(found: Identifiability) -> Diagnostic:
+    value = float(found.bound_share.max())
+    active = [n for n, b in zip(found.names, found.bound_share, strict=True) if b > BOUND_SHARE_WARN]
+    return Diagnostic(
+        "bounds", "Parameters at a bound", value, BOUND_SHARE_WARN, "1",
+        FAIL if active else PASS,
+        f"At the bound of its prior: {', '.join(active)}." if active
+        else "No physical parameter is pressed against the bound of its prior.",
+        "The optimum lies outside what the prior allows: the model is used as a description "
+        "only, and the parameter is not a material constant." if active else "",
+    )  # fmt: skip
+
+
+def _coverage(coverage: float) -> Diagnostic:
+    verdict = PASS if COVERAGE_WARN[0] <= coverage <= COVERAGE_WARN[1] else WARN
+    return Diagnostic(
+        "coverage", "Readings inside the 90 % predictive band", coverage, 0.9, "1", verdict,
+        f"{100 * coverage:.1f} % of the fitted readings lie inside the 90 % predictive band.",
+        "" if verdict == PASS else "The noise model does not describe the scatter of the readings.",
+    )  # fmt: skip
+
+
+def _holdout(holdout: Holdout) -> Diagnostic:
+    verdict = _grade(holdout.rms_dex, MISFIT_WARN_DEX, MISFIT_FAIL_DEX)
+    if verdict == PASS and holdout.coverage_90 < COVERAGE_WARN[0] - 0.1:
+        verdict = WARN
+    return Diagnostic(
+        "holdout", "Prediction of scans not fitted", holdout.rms_dex, MISFIT_FAIL_DEX, "dex",
+        verdict, holdout.statement,
+        "" if verdict == PASS else "Curves at angles that were not measured are less certain than "
+        "their bands say.",
+    )  # fmt: skip

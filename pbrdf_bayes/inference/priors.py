@@ -1,0 +1,218 @@
+"""Prior densities of one parameter, and the presets for the physical ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from math import isfinite, log, pi, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
+
+from pbrdf_bayes.config import did_you_mean
+from pbrdf_bayes.errors import ConfigError
+from pbrdf_bayes.model import DOMAIN
+
+Array = NDArray[np.float64]
+
+_SPARE = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prior:
+    """A truncated normal, log-normal, uniform or log-uniform density on [low, high].
+
+    Attributes
+    ----------
+    kind : {"normal", "lognormal", "uniform", "loguniform"}
+    mean, sd : float
+        Of the value (normal) or of its natural logarithm (lognormal), before truncation.
+    low, high : float
+        Support.
+    """
+
+    kind: str
+    low: float
+    high: float
+    mean: float = 0.0
+    sd: float = 1.0
+
+    @property
+    def is_log(self) -> bool:
+        """The density is simple in the logarithm of the value."""
+        return self.kind in ("lognormal", "loguniform")
+
+    @property
+    def _is_normal(self) -> bool:
+        return self.kind in ("normal", "lognormal")
+
+    @cached_property
+    def _limits(self) -> tuple[float, float]:
+        """Support in the variable where the density is normal or uniform."""
+        low, high = (self.low, self.high)
+        if self.is_log:
+            low = log(low) if low > 0.0 else -np.inf
+            high = log(high) if isfinite(high) else np.inf
+        return low, high
+
+    @cached_property
+    def _cdf_limits(self) -> tuple[float, float]:
+        low, high = self._limits
+        return float(ndtr((low - self.mean) / self.sd)), float(ndtr((high - self.mean) / self.sd))
+
+    @cached_property
+    def _log_norm(self) -> float:
+        low, high = self._limits
+        if not self._is_normal:
+            return -log(high - low)
+        a, b = self._cdf_limits
+        return -log(self.sd * sqrt(2.0 * pi)) - log(b - a)
+
+    def log_density(self, values: Array) -> Array:
+        """Natural log of the normalised density; -inf outside the support."""
+        inside = (values >= self.low) & (values <= self.high)
+        safe = np.where(inside, values, 0.5 * (self.low + self.high) if isfinite(self.high) else 1.0)
+        v = np.log(safe) if self.is_log else safe
+        density = np.full(values.shape, self._log_norm)
+        if self._is_normal:
+            density -= 0.5 * ((v - self.mean) / self.sd) ** 2
+        if self.is_log:
+            density -= v
+        return np.where(inside, density, -np.inf)
+
+    def quantile(self, probability: Array) -> Array:
+        """Value at a cumulative probability."""
+        low, high = self._limits
+        if self._is_normal:
+            a, b = self._cdf_limits
+            v = self.mean + self.sd * ndtri(a + (b - a) * probability)
+        else:
+            v = low + (high - low) * probability
+        return np.clip(np.exp(v) if self.is_log else v, self.low, self.high)
+
+    @cached_property
+    def standard_deviation(self) -> float:
+        """Standard deviation, by the midpoint rule over 20 000 quantiles."""
+        grid = (np.arange(20_000) + 0.5) / 20_000
+        return float(np.std(self.quantile(grid)))
+
+    def describe(self) -> str:
+        """The prior in words, as the report prints it."""
+        support = f"[{self.low:g}, {self.high:g}]"
+        if self.kind == "uniform":
+            return f"Uniform{support}"
+        if self.kind == "loguniform":
+            return f"LogUniform{support}"
+        if self.kind == "lognormal":
+            return f"LogNormal(median {np.exp(self.mean):.3g}, factor {np.exp(self.sd):.3g})"
+        if self.mean == 0.0 and self.low == 0.0:
+            return f"HalfNormal({self.sd:g})"
+        return f"Normal({self.mean:g}, {self.sd:g}) on {support}"
+
+
+def _in_domain(name: str, kind: str, mean: float = 0.0, sd: float = 1.0, **limits: float) -> Prior:
+    low, high = DOMAIN[name]
+    return Prior(
+        kind=kind, mean=mean, sd=sd, low=limits.get("low", low), high=limits.get("high", high)
+    )
+
+
+_COMMON = {"sigma_n0": _in_domain("sigma_n0", "uniform"), "rho0": _in_domain("rho0", "loguniform")}
+PRESETS: Mapping[str, Mapping[str, Prior]] = {
+    "paint": {
+        "n": _in_domain("n", "normal", 1.5, 0.2, low=1.0, high=3.0),
+        "k": _in_domain("k", "normal", 0.0, 0.5),
+        **_COMMON,
+    },
+    "dielectric": {
+        "n": _in_domain("n", "uniform", low=1.0, high=3.0),
+        "k": _in_domain("k", "normal", 0.0, 0.5),
+        **_COMMON,
+    },
+    "metal": {
+        "n": _in_domain("n", "uniform", low=0.05, high=6.0),
+        "k": _in_domain("k", "uniform", low=0.1, high=12.0),
+        **_COMMON,
+    },
+}
+"""Priors of the physical parameters by the name of the preset."""
+
+NOISE_PRIORS: Mapping[str, Prior] = {
+    "s_rel": Prior(kind="lognormal", mean=log(0.02), sd=1.5, low=1e-6, high=3.0),
+    "u_dhr": Prior(kind="lognormal", mean=log(0.003), sd=1.5, low=1e-7, high=0.5),
+}
+"""Priors of the nuisance parameters: relative noise of BRDF readings, noise of DHR readings."""
+
+_SHORTHAND = {"halfnormal": "normal"}
+_KEYS = ("kind", "mean", "sd", "low", "high", "median", "factor")
+_KINDS = ("normal", "halfnormal", "lognormal", "uniform", "loguniform")
+
+
+def prior_from_table(name: str, table: Mapping[str, Any], default: Prior) -> Prior:
+    """Build a prior from the user's table, e.g. ``{kind = "normal", mean = 1.5, sd = 0.05}``.
+
+    Parameters
+    ----------
+    name : str
+        Parameter, for messages.
+    table : mapping
+        ``kind`` and its numbers; ``lognormal`` takes ``median`` and ``factor`` (exp of the standard
+        deviation of the logarithm). Missing limits are those of ``default``.
+    default : Prior
+
+    Returns
+    -------
+    Prior
+
+    Raises
+    ------
+    ConfigError
+        Unknown key or kind, a missing or impossible number.
+    """
+    for key in table:
+        if key not in _KEYS:
+            msg = f"priors.{name}: unknown key {key!r}.{did_you_mean(key, _KEYS)} Known: {', '.join(_KEYS)}"
+            raise ConfigError(msg)
+    kind = table.get("kind", default.kind)
+    if kind not in _KINDS:
+        msg = f"priors.{name}.kind = {kind!r} is not known.{did_you_mean(str(kind), _KINDS)} Allowed: {', '.join(_KINDS)}"
+        raise ConfigError(msg)
+    low = _number(name, table, "low", default.low, default.low, default.high)
+    high = _number(name, table, "high", default.high, default.low, default.high)
+    if low >= high:
+        msg = f"priors.{name}: low = {low:g} is not below high = {high:g}"
+        raise ConfigError(msg)
+    if kind in ("uniform", "loguniform"):
+        if kind == "loguniform" and low <= 0.0:
+            msg = f"priors.{name}: loguniform needs low > 0, not {low:g}"
+            raise ConfigError(msg)
+        return Prior(kind=kind, low=low, high=high)
+    if kind == "lognormal":
+        median = _number(name, table, "median", None, _SPARE, 1e6)
+        factor = _number(name, table, "factor", None, 1.0 + _SPARE, 1e6)
+        return Prior(kind=kind, mean=log(median), sd=log(factor), low=low, high=high)
+    mean = 0.0 if kind == "halfnormal" else _number(name, table, "mean", None, -1e6, 1e6)
+    sd = _number(name, table, "sd", None, _SPARE, 1e6)
+    prior = Prior(kind=_SHORTHAND.get(kind, kind), mean=mean, sd=sd, low=low, high=high)
+    a, b = prior._cdf_limits  # noqa: SLF001
+    if b - a < _SPARE:
+        msg = f"priors.{name}: Normal({mean:g}, {sd:g}) has no mass on [{low:g}, {high:g}]"
+        raise ConfigError(msg)
+    return prior
+
+
+def _number(
+    name: str, table: Mapping[str, Any], key: str, default: float | None, low: float, high: float
+) -> float:
+    value = table.get(key, default)
+    if value is None:
+        msg = f"priors.{name}: {key!r} is missing"
+        raise ConfigError(msg)
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not number or not low <= value <= high:
+        msg = f"priors.{name}.{key} = {value!r} is not allowed: give a number in [{low:g}, {high:g}]"
+        raise ConfigError(msg)
+    return float(value)

@@ -1,0 +1,314 @@
+"""Posterior draws by emcee: independent seeded ensembles, stopped by agreement between them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import emcee
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from pbrdf_bayes.config import RunConfig
+from pbrdf_bayes.inference import arviz_adapter
+from pbrdf_bayes.inference.laplace import ImportanceDraws, Mixture, importance_sample
+from pbrdf_bayes.inference.map_fit import coordinate_bounds
+from pbrdf_bayes.inference.posterior import Posterior
+
+Array = NDArray[np.float64]
+
+RHAT_LIMIT = 1.01
+AUTOCORRELATION_TIMES = 50.0
+_CHECK_EVERY = 50
+_BURN_TIMES = 8.0
+_OVERDISPERSION = 2.0
+_KEPT_DRAWS = 20_000
+_PSIS_PROPOSALS = 8_000
+_PSIS_DRAWS = 4_000
+_INDEPENDENCE_K_HAT = 0.5
+_INDEPENDENCE_ESS = 0.2
+_PSIS_CHAINS = 4
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What the progress bar shows after each round."""
+
+    n_steps: int
+    ess: float
+    ess_target: int
+    rhat: float
+    seconds: float
+    seconds_left: float
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Posterior draws and how they were made.
+
+    Attributes
+    ----------
+    x : ndarray, shape (n_chains, n_draws, n_par)
+        Parameters in physical units; a chain is a walker.
+    log_prob : ndarray, shape (n_chains, n_draws)
+        Log-density in the sampling coordinates.
+    ensemble : ndarray of int, shape (n_chains,)
+        Which independent ensemble a chain belongs to.
+    acceptance : ndarray, shape (n_chains,)
+    ess_bulk, ess_tail, rhat, mcse_mean : ndarray, shape (n_par,)
+        From all steps after burn-in, before thinning.
+    method : {"emcee", "psis"}
+    converged : bool
+    n_steps, n_burn, thin : int
+    autocorrelation_time : float
+        Largest of the parameters [steps]; NaN for independent draws.
+    k_hat : float
+        Pareto shape of the importance weights where they were tried, else NaN.
+    n_evaluations : int
+        Likelihood evaluations.
+    moves : str
+    """
+
+    x: Array
+    log_prob: Array
+    ensemble: NDArray[np.int64]
+    acceptance: Array
+    ess_bulk: Array
+    ess_tail: Array
+    rhat: Array
+    mcse_mean: Array
+    method: str
+    converged: bool
+    n_steps: int
+    n_burn: int
+    thin: int
+    autocorrelation_time: float
+    k_hat: float
+    n_evaluations: int
+    moves: str
+
+    @property
+    def flat(self) -> Array:
+        """All draws, shape (n_chains * n_draws, n_par)."""
+        return self.x.reshape(-1, self.x.shape[2])
+
+
+def sample_posterior(
+    posterior: Posterior,
+    mixture: Mixture,
+    config: RunConfig,
+    *,
+    method: str,
+    seed: int,
+    progress: Callable[[Progress], None] | None = None,
+) -> Draws:
+    """Draw from the posterior, the fast way where it can be trusted.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    mixture : Mixture
+        Laplace approximation: the proposal of the fast way, the start of the ensembles.
+    config : RunConfig
+    method : {"psis", "emcee"}
+        ``psis`` falls through to ``emcee`` when its Pareto shape or sample size is not good enough.
+    seed : int
+        The draws are a function of it.
+    progress : callable, optional
+
+    Returns
+    -------
+    Draws
+        ``converged`` is False when the budget of steps ran out first.
+    """
+    quick = importance_sample(
+        posterior, mixture, n_proposals=_PSIS_PROPOSALS, n_draws=_PSIS_DRAWS, seed=seed
+    )
+    if method == "psis" and quick.usable(config.ess_target):
+        return _from_importance(posterior, quick)
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _run_ensembles(posterior, mixture, config, seed, quick, progress)
+
+
+def _from_importance(posterior: Posterior, quick: ImportanceDraws) -> Draws:
+    """Independent draws in the same record as the chains."""
+    z, log_prob = quick.z, quick.log_prob
+    x = posterior.from_coordinates(z).reshape(_PSIS_CHAINS, -1, posterior.n_par)
+    ensemble = np.arange(_PSIS_CHAINS)
+    ess = np.full(posterior.n_par, quick.ess)
+    return Draws(
+        x=x, log_prob=log_prob.reshape(_PSIS_CHAINS, -1), ensemble=ensemble,
+        acceptance=np.ones(_PSIS_CHAINS), ess_bulk=ess, ess_tail=ess,
+        rhat=arviz_adapter.rhat_between(x, ensemble), mcse_mean=x.std(axis=(0, 1)) / np.sqrt(ess),
+        method="psis", converged=True, n_steps=x.shape[1], n_burn=0, thin=1,
+        autocorrelation_time=np.nan, k_hat=quick.k_hat,
+        n_evaluations=quick.n_evaluations,
+        moves="importance resampling from a Laplace t mixture",
+    )  # fmt: skip
+
+
+class IndependenceMove(emcee.moves.MHMove):
+    """Metropolis-Hastings with proposals from a fixed mixture, whatever the walkers do."""
+
+    def __init__(self, mixture: Mixture) -> None:
+        def propose(z: Array, random: np.random.RandomState) -> tuple[Array, Array]:
+            rng = np.random.default_rng(random.randint(0, 2**31 - 1, size=4))
+            new = mixture.sample(rng, len(z))
+            return new, mixture.log_density(z) - mixture.log_density(new)
+
+        super().__init__(propose)
+
+
+def choose_moves(mixture: Mixture, quick: ImportanceDraws) -> tuple[list[tuple[object, float]], str]:
+    """Moves and their shares: the Laplace mixture as proposal where it covers the posterior."""
+    if quick.k_hat < _INDEPENDENCE_K_HAT and quick.ess > _INDEPENDENCE_ESS * quick.n_evaluations:
+        return (
+            [(IndependenceMove(mixture), 0.7), (emcee.moves.DEMove(), 0.3)],
+            "0.70 independence from the Laplace t mixture, 0.30 differential evolution",
+        )
+    return (
+        [
+            (emcee.moves.KDEMove(), 0.5),
+            (emcee.moves.DEMove(), 0.45),
+            (emcee.moves.DESnookerMove(), 0.05),
+        ],
+        "0.50 KDE, 0.45 differential evolution, 0.05 snooker",
+    )
+
+
+class _Ensemble:
+    """One seeded emcee ensemble that can be advanced step by step."""
+
+    def __init__(
+        self, posterior: Posterior, start: Array, seed: int, moves: list[tuple[object, float]]
+    ) -> None:
+        self.state: object = start
+        self.sampler = emcee.EnsembleSampler(
+            len(start), start.shape[1], posterior.log_prob_coordinates, moves=moves, vectorize=True
+        )
+        # emcee ignores an integer here without a word; only a full state seeds it
+        self.sampler.random_state = np.random.RandomState(seed).get_state()  # noqa: NPY002
+
+    def advance(self, n_steps: int) -> None:
+        self.state = self.sampler.run_mcmc(self.state, n_steps, skip_initial_state_check=True)
+
+
+def _run_ensembles(
+    posterior: Posterior, mixture: Mixture, config: RunConfig, seed: int, quick: ImportanceDraws,
+    progress: Callable[[Progress], None] | None,
+) -> Draws:  # fmt: skip
+    """Advance all ensembles in rounds until two rounds in a row pass."""
+    started = time.perf_counter()
+    seeds = np.random.SeedSequence(seed).generate_state(config.n_ensembles).tolist()
+    moves, words = choose_moves(mixture, quick)
+    ensembles = [
+        _Ensemble(posterior, start_walkers(posterior, mixture, config.n_walkers, s), s, moves)
+        for s in seeds
+    ]
+    passed = 0
+    n_steps = 0
+    with ThreadPoolExecutor(config.threads) as pool:
+        while passed < 2 and n_steps < config.max_steps:  # noqa: PLR2004
+            round_steps = min(max(_CHECK_EVERY, n_steps // 8), config.max_steps - n_steps)
+            list(pool.map(lambda e: e.advance(round_steps), ensembles))
+            n_steps += round_steps
+            draws = _summarise(posterior, ensembles, quick.k_hat, words)
+            passed = passed + 1 if _converged(draws, config) else 0
+            if progress is not None:
+                progress(_progress(draws, config, time.perf_counter() - started))
+    return _thin(draws, converged=passed >= 2)  # noqa: PLR2004
+
+
+def start_walkers(posterior: Posterior, mixture: Mixture, n_walkers: int, seed: int) -> Array:
+    """Over-dispersed walkers in z with finite density, shape (n_walkers, n_par)."""
+    rng = np.random.default_rng([seed, 2])
+    low, high = coordinate_bounds(posterior)
+    wide = Mixture(mixture.centres, _OVERDISPERSION * mixture.factors, mixture.weights)
+    kept = np.zeros((0, low.size))
+    for _ in range(100):
+        z = wide.sample(rng, 4 * n_walkers)
+        # a walker beyond a bound is folded back, so that ridges along a bound are populated
+        z = np.where(z < low, 2.0 * low - z, np.where(z > high, 2.0 * high - z, z))
+        z = z[np.all((z > low) & (z < high), axis=1)]
+        z = z[np.isfinite(posterior.log_prob_coordinates(z))]
+        kept = np.concatenate([kept, z])
+        if len(kept) >= n_walkers:
+            return kept[:n_walkers]
+    fill = rng.random((n_walkers - len(kept), low.size))
+    return np.concatenate([kept, posterior.to_coordinates(posterior.prior_quantile(fill))])
+
+
+def _summarise(
+    posterior: Posterior, ensembles: list[_Ensemble], k_hat: float, moves: str
+) -> Draws:
+    """Diagnostics of all steps after burn-in."""
+    chains = np.concatenate([e.sampler.get_chain().swapaxes(0, 1) for e in ensembles])
+    log_prob = np.concatenate([e.sampler.get_log_prob().T for e in ensembles])
+    n_steps = chains.shape[1]
+    ensemble = np.repeat(np.arange(len(ensembles)), len(chains) // len(ensembles))
+    tau = _autocorrelation_time(chains[:, n_steps // 4 :], ensemble)
+    n_burn = min(int(max(_BURN_TIMES * tau, n_steps // 5)), n_steps // 2)
+    z = chains[:, n_burn:]
+    x = posterior.from_coordinates(z)
+    # the walkers of one ensemble move together a little: the smaller of two estimates counts
+    by_tau = z.shape[0] * z.shape[1] / tau
+    acceptance = np.concatenate([e.sampler.acceptance_fraction for e in ensembles])
+    return Draws(
+        x=x, log_prob=log_prob[:, n_burn:], ensemble=ensemble, acceptance=acceptance,
+        ess_bulk=np.minimum(arviz_adapter.ess_bulk(x), by_tau),
+        ess_tail=np.minimum(arviz_adapter.ess_tail(x), by_tau),
+        rhat=arviz_adapter.rhat_between(x, ensemble), mcse_mean=arviz_adapter.mcse_mean(x),
+        method="emcee", converged=False, n_steps=n_steps, n_burn=n_burn, thin=1,
+        autocorrelation_time=tau, k_hat=k_hat,
+        n_evaluations=n_steps * len(chains), moves=moves,
+    )  # fmt: skip
+
+
+def _autocorrelation_time(z: Array, ensemble: NDArray[np.int64]) -> float:
+    """Largest integrated autocorrelation time over parameters and ensembles [steps]."""
+    with np.errstate(divide="ignore", invalid="ignore"):  # a walker that never moved
+        times = [
+            emcee.autocorr.integrated_time(z[ensemble == e].swapaxes(0, 1), tol=0, quiet=True)
+            for e in np.unique(ensemble)
+        ]
+    tau = float(np.nanmax(np.mean(times, axis=0)))
+    return max(tau, 1.0)
+
+
+def _converged(draws: Draws, config: RunConfig) -> bool:
+    ess = min(draws.ess_bulk.min(), draws.ess_tail.min())
+    kept_steps = draws.x.shape[1]
+    return bool(
+        ess >= config.ess_target
+        and draws.rhat.max() < RHAT_LIMIT
+        and kept_steps >= AUTOCORRELATION_TIMES * draws.autocorrelation_time
+    )
+
+
+def _progress(draws: Draws, config: RunConfig, seconds: float) -> Progress:
+    ess = float(min(draws.ess_bulk.min(), draws.ess_tail.min()))
+    kept = draws.x.shape[1]
+    steps_wanted = max(
+        kept * config.ess_target / max(ess, 1.0),
+        AUTOCORRELATION_TIMES * draws.autocorrelation_time,
+    )
+    left = max(steps_wanted - kept, 0.0) / draws.n_steps * seconds
+    return Progress(
+        draws.n_steps, ess, config.ess_target, float(draws.rhat.max()), seconds, left
+    )
+
+
+def _thin(draws: Draws, *, converged: bool) -> Draws:
+    """Keep at most about 20 000 evenly spaced draws."""
+    n_chains, n_steps, _ = draws.x.shape
+    thin = max(1, n_chains * n_steps // _KEPT_DRAWS)
+    changed = {
+        "x": draws.x[:, ::thin],
+        "log_prob": draws.log_prob[:, ::thin],
+        "thin": thin,
+        "converged": converged,
+    }
+    return Draws(**{**draws.__dict__, **changed})

@@ -1,0 +1,238 @@
+"""The run folder: written atomically, locked by the operating system, read back whole."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import re
+import tempfile
+from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
+from functools import cache
+from importlib import resources
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import xarray as xr
+
+from pbrdf_bayes.errors import RunFolderError
+from pbrdf_bayes.results import SCHEMA_VERSION, Analysis
+
+SUMMARY = "summary.json"
+POSTERIOR = "posterior.nc"
+CONFIG = "config.toml"
+REPORT = "report.html"
+LOG = "log.txt"
+LOCK = ".lock"
+
+_RESERVED = {"con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for i in range(10))}
+_LONGEST_NAME = 80
+
+
+def safe_name(name: str) -> str:
+    """A folder name for any sample name: plain characters, never hidden, reserved or long.
+
+    A name that had to be changed ends in a hash of the original, so that two never collide.
+
+    Examples
+    --------
+    >>> safe_name("green_paint")
+    'green_paint'
+    >>> safe_name("../etc")
+    'etc-3c2b1ae7'
+    """
+    plain = re.sub(r"[^A-Za-z0-9._-]+", "_", name).strip("._-")[:_LONGEST_NAME]
+    if plain == name and plain.lower().split(".")[0] not in _RESERVED:
+        return plain
+    digest = hashlib.sha256(name.encode("utf-8", "surrogatepass")).hexdigest()[:8]
+    return f"{plain}-{digest}" if plain else f"sample-{digest}"
+
+
+def new_run_folder(root: Path, sample: str) -> Path:
+    """Path of a run that does not exist yet: root/sample/time."""
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
+    folder = root / safe_name(sample) / stamp
+    number = 2
+    while folder.exists():
+        folder = folder.with_name(f"{stamp}-{number}")
+        number += 1
+    return folder
+
+
+def is_finished(folder: Path) -> bool:
+    """A summary, written last, is there."""
+    return (folder / SUMMARY).is_file()
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold the folder against a second process; the lock goes with the process that holds it.
+
+    Raises
+    ------
+    RunFolderError
+        When the folder cannot be made or another process holds it.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError as error:
+        msg = f"{folder}: cannot write there ({error.strerror}). Give another folder with --out"
+        raise RunFolderError(msg) from None
+    try:
+        if not _try_lock(handle):
+            msg = f"{folder}: another process is writing this run. Wait for it, or use another --out"
+            raise RunFolderError(msg)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _try_lock(handle: int) -> bool:
+    try:
+        if os.name == "nt":
+            import msvcrt
+
+            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
+        else:
+            import fcntl
+
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file whole or not at all.
+
+    Raises
+    ------
+    RunFolderError
+    """
+    _write_bytes(path, text.encode("utf-8"))
+
+
+def _write_bytes(path: Path, content: bytes) -> None:
+    temporary = None
+    try:
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, 0o644)  # noqa: PTH101
+        os.replace(temporary, path)  # noqa: PTH105
+    except OSError as error:
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)
+        msg = f"{path}: cannot be written ({error.strerror}); what was there before is unchanged"
+        raise RunFolderError(msg) from None
+
+
+def save_analysis(analysis: Analysis, folder: Path, *, report: str, log: str) -> None:
+    """Write a run; the summary comes last and marks it as finished.
+
+    Raises
+    ------
+    RunFolderError
+        When the folder cannot be written.
+    """
+    summary = finite_only(analysis.summary)
+    validate_summary(summary, where=str(folder))
+    _write_netcdf(analysis.draws, folder / POSTERIOR)
+    write_text(folder / CONFIG, analysis.config_toml)
+    write_text(folder / LOG, log)
+    write_text(folder / REPORT, report)
+    write_text(folder / SUMMARY, json.dumps(summary, indent=1, ensure_ascii=False) + "\n")
+
+
+def _write_netcdf(tree: xr.DataTree, path: Path) -> None:
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        tree.to_netcdf(temporary, engine="h5netcdf")
+        os.replace(temporary, path)  # noqa: PTH105
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        msg = f"{path}: cannot be written ({error.strerror}); what was there before is unchanged"
+        raise RunFolderError(msg) from None
+
+
+def load_analysis(folder: Path) -> Analysis:
+    """Read a finished run back.
+
+    Raises
+    ------
+    RunFolderError
+        Not a finished run, or a file of it is missing or damaged.
+    """
+    summary = load_summary(folder)
+    try:
+        with xr.open_datatree(folder / POSTERIOR, engine="h5netcdf") as tree:
+            draws = tree.load()
+        text = (folder / CONFIG).read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        msg = f"{folder}: the run is damaged ({error}). Fit again into another folder"
+        raise RunFolderError(msg) from None
+    return Analysis(summary=summary, draws=draws, config_toml=text)
+
+
+def load_summary(folder: Path) -> dict[str, Any]:
+    """Read and validate ``summary.json``.
+
+    Raises
+    ------
+    RunFolderError
+    """
+    if not is_finished(folder):
+        msg = f"{folder}: not a finished run (no {SUMMARY}). Give the folder that 'fit' printed"
+        raise RunFolderError(msg)
+    try:
+        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        msg = f"{folder / SUMMARY}: damaged ({error})"
+        raise RunFolderError(msg) from None
+    version = summary.get("schema_version") if isinstance(summary, dict) else None
+    if version != SCHEMA_VERSION:
+        msg = f"{folder / SUMMARY}: schema version {version!r}; this program reads {SCHEMA_VERSION}"
+        raise RunFolderError(msg)
+    validate_summary(summary, where=str(folder / SUMMARY))
+    return summary
+
+
+@cache
+def _schema() -> Any:
+    text = resources.files("pbrdf_bayes.io").joinpath("summary.schema.json").read_text("utf-8")
+    return jsonschema.Draft202012Validator(json.loads(text))
+
+
+def validate_summary(summary: Mapping[str, Any], *, where: str) -> None:
+    """Hold a summary against its schema.
+
+    Raises
+    ------
+    RunFolderError
+        Naming the path of the first entry that does not fit.
+    """
+    error = jsonschema.exceptions.best_match(_schema().iter_errors(summary))
+    if error is not None:
+        at = "/".join(str(part) for part in error.absolute_path) or "top level"
+        msg = f"{where}: {at}: {error.message[:300]}"
+        raise RunFolderError(msg)
+
+
+def finite_only(value: Any) -> Any:
+    """Copy for JSON: NaN and infinities become null, numpy scalars plain numbers."""
+    if isinstance(value, Mapping):
+        return {str(key): finite_only(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite_only(item) for item in value]
+    if hasattr(value, "item"):
+        value = value.item()
+    if isinstance(value, float) and not isfinite(value):
+        return None
+    return value

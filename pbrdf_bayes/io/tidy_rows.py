@@ -1,0 +1,146 @@
+"""Rows of the tidy CSV as arrays, converted from cells by one of two ways that agree.
+
+A file without anything unusual goes through the fast reader of pandas. Every other file, and every
+file with a problem, is converted from its cells, so that a message can show them.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from math import nan
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pbrdf_bayes.io.csv_table import is_plain
+from pbrdf_bayes.io.tidy_columns import (
+    NUMBER_COLUMNS,
+    QUANTITIES,
+    WORD_COLUMNS,
+    Codebook,
+    to_floats,
+)
+from pbrdf_bayes.measurement import POLARIZATIONS
+
+# From pandas 3.1 every number is rounded correctly and asking for it is deprecated.
+_ALWAYS_EXACT = tuple(map(int, pd.__version__.split(".")[:2])) >= (3, 1)
+_EXACT: dict[str, Any] = {} if _ALWAYS_EXACT else {"float_precision": "round_trip"}
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Converted rows, shape (n_rows,) each.
+
+    ``sample``, ``scan`` and ``flag`` number the words of their columns; ``quantity`` and
+    ``polarization`` index `QUANTITIES` and ``POLARIZATIONS``, -1 where the word is unknown.
+    ``used`` marks rows without a flag.
+    """
+
+    line: NDArray[np.int64]
+    sample: NDArray[np.int64]
+    wavelength_um: NDArray[np.float64]
+    quantity: NDArray[np.int64]
+    polarization: NDArray[np.int64]
+    theta_i_deg: NDArray[np.float64]
+    theta_r_deg: NDArray[np.float64]
+    value: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+    n_repeats: NDArray[np.float64]
+    phi_r_deg: NDArray[np.float64]
+    scan: NDArray[np.int64]
+    flag: NDArray[np.int64]
+    used: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return int(self.line.size)
+
+
+def new_codebooks() -> dict[str, Codebook]:
+    """Empty codebook for each text column."""
+    return {name: Codebook() for name in WORD_COLUMNS}
+
+
+def rows_from_cells(
+    line: NDArray[np.int64],
+    cells: Mapping[str, Sequence[str]],
+    codebooks: Mapping[str, Codebook],
+) -> Rows:
+    """Convert the cells of some rows, column by column; NaN where a cell holds no number."""
+    blank = ("",) * len(line)
+    codes = {name: codebooks[name].encode(cells.get(name, blank)) for name in WORD_COLUMNS}
+    numbers = {
+        name: to_floats(cells[name]) if name in cells else np.full(len(blank), nan)
+        for name in NUMBER_COLUMNS
+    }
+    return _assemble(line, codes, numbers, codebooks)
+
+
+def rows_from_plain(
+    data: bytes, header: Sequence[str], codebooks: Mapping[str, Codebook]
+) -> Rows | None:
+    """Convert a whole file at once; None where it is not plain or a cell is not as expected."""
+    if not is_plain(data, len(header)):
+        return None
+    place = {name: header.index(name) for name in WORD_COLUMNS + NUMBER_COLUMNS if name in header}
+    try:
+        table = pd.read_csv(
+            io.BytesIO(data),
+            header=None,
+            skiprows=1,
+            names=range(len(header)),
+            usecols=sorted(place.values()),
+            dtype={i: "category" if n in WORD_COLUMNS else "float64" for n, i in place.items()},
+            keep_default_na=False,
+            na_values=[""],
+            skipinitialspace=True,
+            quoting=csv.QUOTE_NONE,
+            **_EXACT,
+        )
+    except ValueError:
+        return None
+    n_rows = len(table)
+    codes = {name: np.full(n_rows, codebooks[name].encode([""])[0]) for name in WORD_COLUMNS}
+    numbers = {name: np.full(n_rows, nan) for name in NUMBER_COLUMNS}
+    for name, index in place.items():
+        if name in WORD_COLUMNS:
+            words = table[index].cat
+            codes[name] = codebooks[name].encode([*words.categories, ""])[words.codes]
+        else:
+            numbers[name] = table[index].to_numpy()
+    return _assemble(np.arange(2, n_rows + 2), codes, numbers, codebooks)
+
+
+def join_rows(parts: Sequence[Rows]) -> Rows:
+    """Concatenate the rows of all chunks."""
+    parts = parts or [rows_from_cells(np.zeros(0, np.int64), {}, new_codebooks())]
+    names = [f.name for f in fields(Rows)]
+    return Rows(**{name: np.concatenate([getattr(p, name) for p in parts]) for name in names})
+
+
+def _assemble(
+    line: NDArray[np.int64],
+    codes: Mapping[str, NDArray[np.int64]],
+    numbers: Mapping[str, NDArray[np.float64]],
+    codebooks: Mapping[str, Codebook],
+) -> Rows:
+    """Look up the words that have a meaning of their own."""
+    not_flagged = [word.lower() in {"", "ok"} for word in codebooks["flag"].words]
+    quantity = _find(codebooks["quantity"].words, QUANTITIES)
+    polarization = _find(codebooks["polarization"].words, POLARIZATIONS)
+    meaning: dict[str, Any] = {
+        "quantity": quantity[codes["quantity"]],
+        "polarization": polarization[codes["polarization"]],
+        "used": np.array(not_flagged, dtype=bool)[codes["flag"]],
+    }
+    return Rows(line=line, **{**codes, **numbers, **meaning})
+
+
+def _find(words: Sequence[str], known: Sequence[str]) -> NDArray[np.int64]:
+    """Find each word among the known ones; -1 where it is none of them."""
+    place = {word: index for index, word in enumerate(known)}
+    return np.array([place.get(word, -1) for word in words], dtype=np.int64)

@@ -1,0 +1,110 @@
+"""The table of the ``predict`` verb: tidy columns, with bands where a posterior is at hand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbrdf_bayes.inference.bands import Targets
+from pbrdf_bayes.io.run_folder import load_analysis
+from pbrdf_bayes.model import Parameters, brdf, dhr
+from pbrdf_bayes.workflow import predict_from_analysis
+
+Array = NDArray[np.float64]
+
+COLUMNS = (
+    "quantity", "polarization", "theta_i_deg", "theta_r_deg", "value", "q05", "q25", "q75", "q95",
+    "pred_q05", "pred_q95",
+)  # fmt: skip
+
+
+def predict_table(
+    *,
+    folder: Path | None,
+    parameters: Parameters | None,
+    theta_i_deg: Sequence[float],
+    theta_r_deg: Sequence[float],
+    phi_r_deg: float,
+    dhr_theta_i_deg: Sequence[float],
+    polarizations: Sequence[str],
+    rtol: float,
+) -> str:
+    """CSV text of predicted BRDF [sr^-1] and DHR [1] curves.
+
+    Parameters
+    ----------
+    folder : Path or None
+        A finished run: ``value`` is the posterior median, with model and predictive bands.
+    parameters : Parameters or None
+        Given parameters instead: ``value`` only, the bands stay empty.
+    theta_i_deg, theta_r_deg, dhr_theta_i_deg : sequence of float
+        Angles [deg]: every incidence with every scattering angle; DHR at its own.
+    phi_r_deg : float
+        Azimuth of the scattering directions [deg].
+    polarizations : sequence of {"s", "p", "u"}
+    rtol : float
+        Tolerance of the normalisation where parameters are given.
+
+    Returns
+    -------
+    str
+    """
+    brdf_targets = _targets(theta_i_deg, theta_r_deg, phi_r_deg, polarizations)
+    dhr_targets = _targets(dhr_theta_i_deg, [np.nan], 0.0, polarizations)
+    lines = [",".join(COLUMNS)]
+    for quantity, targets in (("brdf", brdf_targets), ("dhr", dhr_targets)):
+        if not targets.theta_i_deg.size:
+            continue
+        if folder is not None:
+            bands = predict_from_analysis(load_analysis(folder), targets)
+            values = np.column_stack(
+                [bands.model[:, [2, 0, 1, 3, 4]], bands.predictive[:, [0, 4]]]
+            )
+        else:
+            values = _of_parameters(parameters, targets, rtol)
+        lines += _lines(quantity, targets, values)
+    return "\n".join(lines) + "\n"
+
+
+def _targets(
+    theta_i: Sequence[float], theta_r: Sequence[float], phi_r: float, words: Sequence[str]
+) -> Targets:
+    grid = [(q, i, r) for i in theta_i for q in words for r in theta_r]
+    return Targets(
+        polarization=np.array([q for q, _, _ in grid], dtype=np.str_),
+        theta_i_deg=np.array([i for _, i, _ in grid], dtype=np.float64),
+        theta_r_deg=np.array([r for _, _, r in grid], dtype=np.float64),
+        phi_r_deg=np.full(len(grid), phi_r),
+    )
+
+
+def _of_parameters(parameters: Parameters | None, targets: Targets, rtol: float) -> Array:
+    """Values at given parameters, shape (n, 1)."""
+    assert parameters is not None  # noqa: S101
+    values = np.empty(targets.theta_i_deg.size)
+    for q in np.unique(targets.polarization).tolist():
+        rows = targets.polarization == q
+        values[rows] = (
+            dhr(parameters, targets.theta_i_deg[rows], q)
+            if targets.hemispherical
+            else brdf(
+                parameters, targets.theta_i_deg[rows], targets.theta_r_deg[rows], q,
+                phi_r_deg=targets.phi_r_deg[rows], rtol=rtol,
+            )
+        )  # fmt: skip
+    return values[:, None]
+
+
+def _lines(quantity: str, targets: Targets, values: Array) -> list[str]:
+    lines = []
+    for q, theta_i, theta_r, row in zip(
+        targets.polarization.tolist(), targets.theta_i_deg.tolist(), targets.theta_r_deg.tolist(),
+        values.tolist(), strict=True,
+    ):  # fmt: skip
+        numbers = [f"{value:.9g}" for value in row] + [""] * (len(COLUMNS) - 4 - len(row))
+        angle = "" if np.isnan(theta_r) else f"{theta_r:.10g}"
+        lines.append(",".join([quantity, q, f"{theta_i:.10g}", angle, *numbers]))
+    return lines

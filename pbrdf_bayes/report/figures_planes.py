@@ -1,0 +1,199 @@
+"""Scan planes: curves and readings grouped by incidence angle and azimuth, and their numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from pbrdf_bayes.report.arrays import Curve, ScanPoints
+from pbrdf_bayes.report.numbers import MISSING, count, degrees, dex_as_percent, number, percent
+from pbrdf_bayes.report.panel import LOOKS, limits, log10_or_gap
+
+Array = NDArray[np.float64]
+
+MOST_PLANES = 24
+"""Scan planes, or scans, drawn at most: the worst-fitting ones."""
+DECADES = 5.0
+"""Depth of the logarithmic axis at most; an exact Brewster null has none."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A plot with its heading and the numbers under it, each with its polarisation."""
+
+    svg: Markup
+    title: str | Markup
+    notes: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Strand:
+    """One polarisation of a scan plane: its predicted curve, if any, and its readings."""
+
+    polarization: str
+    curve: Curve | None
+    scans: tuple[ScanPoints, ...]
+
+    @property
+    def residual_dex(self) -> Array:
+        """Residuals of all readings [dex]; the finite ones."""
+        parts = [s.residual_dex for s in self.scans]
+        joined = np.concatenate(parts) if parts else np.zeros(0)
+        return joined[np.isfinite(joined)]
+
+    @property
+    def values(self) -> Array:
+        """All finite readings [sr^-1]."""
+        parts = [s.value for s in self.scans]
+        joined = np.concatenate(parts) if parts else np.zeros(0)
+        return joined[np.isfinite(joined)]
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """All that is drawn in the panel of one scan plane."""
+
+    theta_i_deg: float
+    phi_r_deg: float
+    strands: tuple[Strand, ...]
+
+    @property
+    def title(self) -> Markup:
+        """Angles of the plane, typeset."""
+        title = Markup("θ<sub>i</sub> = {}").format(degrees(self.theta_i_deg))
+        azimuth = Markup(", φ<sub>r</sub> = {}").format(degrees(self.phi_r_deg))
+        return title + azimuth if self.phi_r_deg else title
+
+    @property
+    def words(self) -> str:
+        """Angles of the plane, for reading aloud."""
+        azimuth = f", azimuth {degrees(self.phi_r_deg)}" if self.phi_r_deg else ""
+        return f"{degrees(self.theta_i_deg)} incidence{azimuth}"
+
+    @property
+    def measured(self) -> bool:
+        """Whether the plane holds readings."""
+        return any(s.scans for s in self.strands)
+
+    @property
+    def rms_dex(self) -> float:
+        """Residual rms of all readings of the plane [dex]; NaN where there are none."""
+        return rms(np.concatenate([s.residual_dex for s in self.strands]))
+
+
+def rms(values: Array) -> float:
+    """Root of the mean square of the finite values; NaN where there are none."""
+    good = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(good**2))) if good.size else float("nan")
+
+
+def planes_of(curves: Sequence[Curve], scans: Sequence[ScanPoints]) -> list[Plane]:
+    """Group curves and scans by incidence angle, azimuth and polarisation."""
+    angles = [(c.theta_i_deg, c.phi_r_deg) for c in curves]
+    keys = sorted({*angles, *((s.theta_i_deg, s.phi_r_deg) for s in scans)})
+    return [Plane(*key, strands=_strands(key, curves, scans)) for key in keys]
+
+
+def _strands(
+    key: tuple[float, float], curves: Sequence[Curve], scans: Sequence[ScanPoints]
+) -> tuple[Strand, ...]:
+    found = []
+    for p in LOOKS:
+        mine = [c for c in curves if (c.theta_i_deg, c.phi_r_deg, c.polarization) == (*key, p)]
+        read = tuple(s for s in scans if (s.theta_i_deg, s.phi_r_deg, s.polarization) == (*key, p))
+        if mine or read:
+            found.append(Strand(p, mine[0] if mine else None, read))
+    return tuple(found)
+
+
+def worst_planes(planes: Sequence[Plane]) -> list[Plane]:
+    """Return at most `MOST_PLANES`, those with the largest residuals, in their order."""
+    if len(planes) <= MOST_PLANES:
+        return list(planes)
+    size = np.nan_to_num([p.rms_dex for p in planes])
+    return [planes[i] for i in sorted(np.argsort(-size, kind="stable")[:MOST_PLANES].tolist())]
+
+
+def log_limits(planes: Sequence[Plane]) -> tuple[float, float]:
+    """Limits of the logarithmic axis [decades] that all panels share."""
+    strands = [s for p in planes for s in p.strands]
+    curves = [s.curve for s in strands if s.curve is not None]
+    values = [log10_or_gap(c.predictive_band[:, [0, 4]]) for c in curves]
+    values += [log10_or_gap(s.values) for s in strands]
+    low, high = limits(*values, pad=0.04, least=0.6)
+    return max(low, high - DECADES), high
+
+
+def dex_reach(planes: Sequence[Plane]) -> float:
+    """Half height of the axis of deviations [dex] that all panels share: nearly all there is."""
+    tops = [0.004]
+    for strand in (s for p in planes for s in p.strands):
+        if strand.residual_dex.size:
+            tops.append(float(np.quantile(np.abs(strand.residual_dex), 0.995)))
+        if strand.curve is not None:
+            edges = deviations(strand.curve.predictive_band, strand.curve)
+            known = np.abs(edges[np.isfinite(edges)])
+            tops += [float(np.quantile(known, 0.9))] if known.size else []
+    return min(1.15 * max(tops), 3.0)
+
+
+def deviations(band: Array, curve: Curve) -> Array:
+    """Band of a curve relative to its middle line [dex]."""
+    return log10_or_gap(band) - log10_or_gap(curve.map)[:, None]
+
+
+def half_width(band: Array) -> str:
+    """Median over angle of half the width of the 90 % interval, relative to the median curve."""
+    positive = band[:, 2] > 0
+    relative = (band[positive, 4] - band[positive, 0]) / (2 * band[positive, 2])
+    good = relative[np.isfinite(relative)]
+    return percent(np.median(good)) if good.size else MISSING
+
+
+def fit_note(strand: Strand) -> str:
+    """Numbers under a panel: residuals and typical half widths of the two bands."""
+    parts = [f"rms {dex_as_percent(rms(strand.residual_dex))}"] if strand.residual_dex.size else []
+    return " · ".join([*parts, *_widths(strand)])
+
+
+def held_out_note(strand: Strand) -> str:
+    """Share of the readings inside the predictive band, and the width of the band."""
+    curve = strand.curve
+    if curve is None or not strand.scans:
+        return ""
+    value, band = strand.scans[0].value, curve.predictive_band
+    known = np.isfinite(value)
+    inside = (value >= band[:, 0]) & (value <= band[:, 4])
+    share = percent(np.mean(inside[known]), digits=2) if known.any() else MISSING
+    return f"{share} of {count(known.sum())} inside · band ±{half_width(band)}"
+
+
+def _widths(strand: Strand) -> list[str]:
+    curve = strand.curve
+    if curve is None:
+        return []
+    model = [f"model ±{half_width(curve.model_band)}"] if curve.model_band is not None else []
+    return [*model, f"predictive ±{half_width(curve.predictive_band)}"]
+
+
+def label_of(plane: Plane, *, what: str = "BRDF") -> str:
+    """Text alternative of a scan plane, in numbers."""
+    return f"{what} at {plane.words}; " + "; ".join(_strand_label(s) for s in plane.strands)
+
+
+def _strand_label(strand: Strand) -> str:
+    values = strand.values
+    if values.size:
+        said = [f"measured {number(values.min())} to {number(values.max())} per sr"]
+    else:
+        at = strand.curve.map[np.isfinite(strand.curve.map)] if strand.curve else np.zeros(0)
+        said = [f"predicted {number(at.min())} to {number(at.max())} per sr"] if at.size else []
+    if strand.curve is not None and strand.curve.model_band is not None:
+        said.append(f"90 % model band ±{half_width(strand.curve.model_band)}")
+    if strand.curve is not None:
+        said.append(f"90 % predictive band ±{half_width(strand.curve.predictive_band)}")
+    return f"{LOOKS[strand.polarization].word}: {', '.join(said)}"

@@ -1,0 +1,166 @@
+"""The report: one HTML page from one analysis, nothing evaluated, nothing fetched."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from typing import Any
+
+from jinja2 import Environment, FunctionLoader, StrictUndefined
+from markupsafe import Markup, escape
+
+from pbrdf_bayes.report import tables, texts
+from pbrdf_bayes.report.arrays import draws_of
+from pbrdf_bayes.report.figures import Figures, draw_figures
+from pbrdf_bayes.report.numbers import count
+from pbrdf_bayes.report.panel import LOOKS
+from pbrdf_bayes.results import Analysis
+
+TITLES = {
+    "parameters": "Parameters",
+    "measured": "BRDF at the measured angles",
+    "between": "BRDF at angles not measured",
+    "dhr": "Hemispherical reflectance",
+    "residuals": "Residuals",
+    "holdout": "Hold-out prediction",
+    "posterior": "Posterior and sampling",
+    "diagnostics": "Diagnostics",
+    "data": "Data",
+    "model": "Model and priors",
+    "cost": "Accuracy and cost",
+    "provenance": "Provenance",
+}
+VERDICT_WORDS = {"PASS": "Pass", "WARN": "Warning", "FAIL": "Fail", "SKIP": "Not applicable"}
+SYMBOLS = {"σ_N0": Markup("σ<sub>N0</sub>"), "ρ_0": Markup("ρ<sub>0</sub>")}
+
+
+def render_report(analysis: Analysis) -> str:
+    """Write an analysis as one self-contained HTML page.
+
+    Parameters
+    ----------
+    analysis : Analysis
+        Finished run, from memory or from its folder.
+
+    Returns
+    -------
+    str
+        The page. The same analysis gives the same text, character by character.
+    """
+    environment = Environment(
+        loader=FunctionLoader(_template_text),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        finalize=_finalize,
+    )
+    environment.filters["symbols"] = _with_symbols
+    return environment.get_template("template.html.j2").render(_context(analysis))
+
+
+def _template_text(name: str) -> str:
+    return files("pbrdf_bayes.report").joinpath(name).read_text(encoding="utf-8")
+
+
+def _with_symbols(text: str) -> Markup:
+    """Escape a text and typeset the symbols in it."""
+    safe = escape(_finalize(text))
+    for plain, typeset in SYMBOLS.items():
+        safe = safe.replace(plain, typeset)
+    return safe
+
+
+def _finalize(value: Any) -> Any:
+    """Replace what no page may hold: control characters, direction overrides, half characters."""
+    if isinstance(value, Markup) or not isinstance(value, str) or value.isprintable():
+        return value
+    return "".join(map(_visible, value))
+
+
+def _visible(character: str) -> str:
+    code = ord(character)
+    control = (code < 32 and character not in "\n\t") or 0x7F <= code < 0xA0
+    turning = 0x200E <= code <= 0x200F or 0x202A <= code <= 0x202E or 0x2066 <= code <= 0x2069
+    half = 0xD800 <= code < 0xE000 or code in (0xFFFE, 0xFFFF)
+    return "\ufffd" if control or turning or half else character
+
+
+def _context(analysis: Analysis) -> dict[str, Any]:
+    """Everything the template places."""
+    summary, figures = analysis.summary, draw_figures(analysis)
+    priors = {name: draws_of(analysis, "prior", name) for name in summary["parameters"]}
+    looks = {p: {"word": v.word, "dash": " ".join(map(str, v.dash))} for p, v in LOOKS.items()}
+    return {
+        **_front(analysis),
+        **_contents(analysis, figures),
+        **_checks(analysis),
+        "figures": figures,
+        "looks": looks,
+        "n_dhr": summary["input"]["n_dhr"],
+        "parameters": tables.parameter_rows(summary, priors),
+        "correlation": tables.correlation_rows(summary),
+        "residual_text": texts.residual_text(summary),
+        "holdout": summary["holdout"],
+        "holdout_rows": tables.holdout_rows(summary),
+        "optima": _optima(analysis),
+        "scans": tables.scan_rows(summary),
+        "warnings": summary["input"]["warnings"],
+        "data_facts": texts.data_facts(summary),
+        "model_text": texts.model_text(summary),
+        "sampling": tables.facts(summary["sampling"]),
+        "accuracy": tables.facts(summary["accuracy"]),
+        "timings": tables.timing_rows(summary),
+        "provenance": texts.provenance(summary),
+        "config_toml": analysis.config_toml.strip(),
+    }
+
+
+def _front(analysis: Analysis) -> dict[str, Any]:
+    """First screen."""
+    summary = analysis.summary
+    return {
+        "sample": summary["sample"],
+        "short_sample": texts.shortened(summary["sample"]),
+        "meta": texts.meta(summary),
+        "created": str(summary["created_utc"]).replace("T", " ")[:16] + " UTC",
+        "verdict": summary["verdict"],
+        "headline": summary["headline"],
+        "banner": texts.banner(summary),
+        "reservation": texts.reservation(summary),
+        "values_note": texts.values_note(summary),
+    }
+
+
+def _contents(analysis: Analysis, figures: Figures) -> dict[str, Any]:
+    """Sections of this run with their numbers and titles."""
+    absent = {
+        "measured": not figures.measured,
+        "between": not figures.between,
+        "dhr": not figures.dhr,
+        "residuals": not figures.residuals,
+        "holdout": not analysis.summary["holdout"],
+    }
+    sections = [name for name in TITLES if not absent.get(name, False)]
+    numbers = {name: number for number, name in enumerate(sections, start=1)}
+    first = next((n for n in ("measured", "between", "dhr") if n in sections), "")
+    return {"sections": sections, "titles": TITLES, "numbers": numbers, "first_bands": first}
+
+
+def _checks(analysis: Analysis) -> dict[str, Any]:
+    data, diagnostics = tables.check_rows(analysis.summary)
+    return {
+        "verdict_words": VERDICT_WORDS,
+        "data_checks": data,
+        "diagnostics": diagnostics,
+        "attention": tables.attention([*diagnostics, *data]),
+        "tally": tables.tally([*diagnostics, *data]),
+    }
+
+
+def _optima(analysis: Analysis) -> dict[str, Any]:
+    symbols, rows = tables.optima_rows(analysis.summary)
+    return {
+        "symbols": symbols,
+        "rows": rows,
+        "n_starts": count(analysis.summary["map"]["n_starts"]),
+        "words": texts.optima_text(len(rows)),
+    }

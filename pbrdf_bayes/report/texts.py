@@ -1,0 +1,127 @@
+"""The sentences and short lists of the report that depend on the run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pbrdf_bayes.report.numbers import MISSING, THIN, count, dex_as_percent, fixed, number
+from pbrdf_bayes.report.tables import words_of
+
+Record = Mapping[str, Any]
+
+NOT_CONVERGED = {
+    "title": "NOT CONVERGED: the numbers on this page are not a result",
+    "text": (
+        "The sampler ran out of its budget before its thresholds were met. Values, intervals and "
+        "bands are provisional; the failed diagnostics below say what to do."
+    ),
+}
+FAILED = {
+    "title": "FAIL: do not use these values as they stand",
+    "text": (
+        "At least one check failed. The intervals hold only if the model does; the checks below "
+        "say why it cannot be relied on for these data, and what to do."
+    ),
+}
+
+
+def banner(summary: Record) -> dict[str, str] | None:
+    """Say on top that a page is not a result to be used."""
+    if summary["status"] != "done":
+        return NOT_CONVERGED
+    return FAILED if summary["verdict"] == "FAIL" else None
+
+
+def reservation(summary: Record) -> str:
+    """Repeat that beside the values and the bands."""
+    if summary["status"] != "done":
+        return "Provisional: the sampler did not converge."
+    if summary["verdict"] == "FAIL":
+        return "Intervals and bands are not valid as they stand: a check failed."
+    return ""
+
+
+def meta(summary: Record) -> str:
+    """Wavelength and number of readings."""
+    data = summary["input"]
+    scans, n_dhr = len(data["scans"]), data["n_dhr"]
+    brdf = f"{scans} BRDF scan{'s' * (scans != 1)} ({_readings(data['n_brdf'])})"
+    return " · ".join([
+        f"{number(summary['wavelength_um'], digits=5)}{THIN}µm",
+        brdf if scans else "no BRDF scans",
+        f"{count(n_dhr)} DHR reading{'s' * (n_dhr != 1)}" if n_dhr else "no DHR readings",
+    ])  # fmt: skip
+
+
+def values_note(summary: Record) -> str:
+    """Say what the values of the first screen are."""
+    shape = str(summary["line_shape"]).capitalize()
+    return (
+        "Mean ± standard uncertainty, and the equal-tailed 95 % credible interval. Conditional on "
+        f"the model, ρ_0 in particular on the {shape} line shape."
+    )
+
+
+def residual_text(summary: Record) -> str:
+    """Overall residuals and their autocorrelation."""
+    fit = summary["fit"]
+    at_map, best = fit["rms_dex"]["overall"], fit["rms_dex_best"]["overall"]
+    return (
+        f"Over all readings the rms is {number(at_map)}{THIN}dex ({dex_as_percent(at_map)}) at the "
+        f"MAP and {number(best)}{THIN}dex ({dex_as_percent(best)}) at the least-squares optimum of "
+        f"the same model; the lag-1 autocorrelation is {fixed(fit['lag1']['overall'], 2)}."
+    )
+
+
+def model_text(summary: Record) -> str:
+    """Say which model and which likelihood were used."""
+    effects = words_of(summary["effects"], "none, exactly the model of the 2011 paper")
+    config = summary["config"]
+    noise = {"iid": "independent noise"}.get(config.get("noise"), config.get("noise", MISSING))
+    return (
+        f"Four-parameter model (n, k, σ_N0, ρ_0) with the {summary['line_shape']} line shape. "
+        f"Effects added: {effects}. BRDF readings enter by their logarithm, with {noise}; the "
+        f"scale of the scans is {config.get('brdf_scale', MISSING)}. "
+        f"Preset of priors: {config.get('prior', MISSING)}."
+    )
+
+
+def optima_text(n_optima: int) -> str:
+    """Say how to read the table of optima."""
+    return "All usable starts met in one." if n_optima == 1 else "Differences are to the best."
+
+
+def data_facts(summary: Record) -> list[tuple[str, str]]:
+    """File, hash, readings used and left out."""
+    data = summary["input"]
+    excluded = [f"{count(n)} × {flag}" for flag, n in data["excluded"].items()]
+    return [
+        ("file", data["file"] or MISSING),
+        ("SHA-256", data["sha256"] or MISSING),
+        ("readings used", f"{count(data['n_brdf'])} BRDF, {count(data['n_dhr'])} DHR"),
+        ("excluded by their flag", words_of(excluded, "none")),
+    ]
+
+
+def provenance(summary: Record) -> list[tuple[str, str]]:
+    """Return what is needed to make the run again."""
+    data = summary["input"]
+    versions = [f"{name} {version}" for name, version in summary["versions"].items()]
+    return [
+        ("created", str(summary["created_utc"])),
+        ("input", f"{data['file'] or MISSING}, SHA-256 {data['sha256'] or MISSING}"),
+        ("seed", str(summary["seed"])),
+        ("versions", words_of(versions, MISSING)),
+        ("platform", summary["platform"]),
+        ("summary", f"schema {summary['schema_version']}"),
+    ]
+
+
+def shortened(text: str, most: int = 80) -> str:
+    """Cut a text that has to fit in a line of its own."""
+    return text if len(text) <= most else f"{text[: most - 1]}…"
+
+
+def _readings(n: int) -> str:
+    return f"{count(n)} reading{'s' * (n != 1)}"

@@ -1,0 +1,43 @@
+"""What a person at a terminal sees while a fit runs: stages and a progress line, on stderr."""
+
+from __future__ import annotations
+
+import sys
+
+from pbrdf_bayes.inference.sampling import Progress
+from pbrdf_bayes.workflow import Observer
+
+_BAR = 24
+
+
+def observer(*, quiet: bool) -> Observer:
+    """An observer that writes to stderr; silent with ``quiet``."""
+    if quiet:
+        return Observer()
+    live = sys.stderr.isatty()
+    return Observer(
+        stage=lambda name: _write(f"{name} ...", end="\n"),
+        progress=lambda p: _write(progress_line(p), end="\r" if live and p.seconds_left else "\n"),
+    )
+
+
+def _write(text: str, *, end: str) -> None:
+    sys.stderr.write(f"{text}{end}")
+    sys.stderr.flush()
+
+
+def progress_line(progress: Progress) -> str:
+    """One line: bar, steps, effective sample size, R-hat, time left.
+
+    Examples
+    --------
+    >>> progress_line(Progress(400, 512.0, 1000, 1.0123, 2.0, 3.4))
+    '  [############............]   400 steps  ESS   512/1000  R-hat 1.012  about 4 s left '
+    """
+    share = min(progress.ess / progress.ess_target, 1.0)
+    bar = "#" * int(_BAR * share) + "." * (_BAR - int(_BAR * share))
+    left = f"about {progress.seconds_left + 0.5:.0f} s left" if progress.seconds_left else "checking"
+    return (
+        f"  [{bar}] {progress.n_steps:5d} steps  ESS {progress.ess:5.0f}/{progress.ess_target}"
+        f"  R-hat {progress.rhat:.3f}  {left} "
+    )

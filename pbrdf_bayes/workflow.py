@@ -1,0 +1,407 @@
+"""The stages from a file to a report; the only module that knows all others."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from math import ceil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbrdf_bayes.assemble import Stages, assemble, measurement_of
+from pbrdf_bayes.config import ACCURACIES, RunConfig
+from pbrdf_bayes.data_checks import DataCheck, check_measurement
+from pbrdf_bayes.errors import DataError, RunFolderError
+from pbrdf_bayes.inference.bands import Bands, Targets, predict_bands
+from pbrdf_bayes.inference.diagnostics import assess_identifiability, run_diagnostics
+from pbrdf_bayes.inference.holdout import run_holdout
+from pbrdf_bayes.inference.laplace import laplace_mixture
+from pbrdf_bayes.inference.map_fit import MapResult, find_map, fit_least_squares
+from pbrdf_bayes.inference.posterior import Posterior, build_posterior
+from pbrdf_bayes.inference.residuals import compute_residuals, effective_share, white_noise_dex
+from pbrdf_bayes.inference.sampling import Draws, Progress, sample_posterior
+from pbrdf_bayes.io import run_folder
+from pbrdf_bayes.io.config_toml import config_from_table, config_table
+from pbrdf_bayes.io.tidy_csv import read_measurement
+from pbrdf_bayes.measurement import Measurement
+from pbrdf_bayes.model import MAX_THETA_I_DEG
+from pbrdf_bayes.physics.brdf import evaluate
+from pbrdf_bayes.report.page import render_report
+from pbrdf_bayes.results import Analysis
+
+Array = NDArray[np.float64]
+
+DEFAULT_SEED = 1
+_N_BAND_DRAWS = 400
+_CURVE_STEP_DEG = 1.0
+_CURVE_LIMIT_DEG = 85.0
+_DHR_ANGLES_DEG = np.linspace(0.0, 88.0, 89)
+_TEMPERED_ESS = 400
+
+
+@dataclass(frozen=True)
+class Observer:
+    """Who is told how far a fit is; by default nobody."""
+
+    stage: Callable[[str], None] = field(default=lambda _: None)
+    progress: Callable[[Progress], None] | None = None
+
+
+@dataclass
+class _Clock:
+    """Times the stages and keeps the log."""
+
+    observer: Observer
+    timings: dict[str, float] = field(default_factory=dict)
+    log: list[str] = field(default_factory=list)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        self.observer.stage(name)
+        started = time.perf_counter()
+        yield
+        self.timings[name] = time.perf_counter() - started
+        stamp = datetime.now(UTC).strftime("%H:%M:%S")
+        self.log.append(f"{stamp}Z {name}: {self.timings[name]:.2f} s")
+
+
+def fit(
+    measurement: Measurement,
+    config: RunConfig | None = None,
+    *,
+    seed: int = DEFAULT_SEED,
+    observer: Observer | None = None,
+) -> Analysis:
+    """Posterior of the four parameters from a measurement, with diagnostics and predictions.
+
+    Parameters
+    ----------
+    measurement : Measurement
+    config : RunConfig, optional
+    seed : int
+        The draws are a function of it.
+    observer : Observer, optional
+        Told about stages and the sampler's progress.
+
+    Returns
+    -------
+    Analysis
+        ``summary["status"]`` is ``"not_converged"`` when the sampler's budget ran out first.
+
+    Raises
+    ------
+    ConfigError, DataError
+        Choices and readings that do not fit together.
+    FitError
+        No start has a finite posterior density.
+    """
+    clock = _Clock(observer or Observer())
+    config = config or RunConfig()
+    with clock.stage("check"):
+        checks = check_measurement(measurement)
+        posterior = build_posterior(measurement, config)
+    return _fit_posterior(posterior, checks, seed, clock)
+
+
+def _fit_posterior(
+    posterior: Posterior, checks: tuple[DataCheck, ...], seed: int, clock: _Clock
+) -> Analysis:
+    config = posterior.config
+    with clock.stage("optimise"):
+        optima = find_map(posterior, seed=seed)
+        best_x, best_rms = fit_least_squares(posterior, np.array([o.x for o in optima.optima]))
+        residuals = compute_residuals(posterior, optima.best.x)
+        best = compute_residuals(posterior, best_x)
+    with clock.stage("sample"):
+        draws = _sample(posterior, optima, seed, clock.observer.progress)
+    with clock.stage("identify"):
+        share = effective_share(best.lag1)
+        tempered = _tempered_draws(posterior, draws, share, seed)
+        identifiability = assess_identifiability(posterior, draws.flat, tempered, share)
+    with clock.stage("predict"):
+        rng = np.random.default_rng([seed, 6])
+        picked = draws.flat[rng.choice(len(draws.flat), _N_BAND_DRAWS)]
+        curves = _predicted_curves(posterior, picked, optima.best.x, rng)
+        dhr_curves = _predicted_dhr(posterior, picked, optima.best.x, rng)
+        coverage = _coverage(posterior, picked, optima.best.x, rng)
+    with clock.stage("hold out"):
+        holdout = run_holdout(posterior.measurement, config, seed=seed) if config.holdout else None
+    diagnostics = run_diagnostics(
+        config=config, draws=draws, optima=optima, residuals=best, best_rms_dex=best_rms,
+        white_noise_dex=white_noise_dex(posterior), identifiability=identifiability,
+        coverage=coverage, holdout=holdout,
+    )  # fmt: skip
+    return assemble(
+        Stages(
+            posterior=posterior, seed=seed, checks=checks, optima=optima, draws=draws,
+            least_squares=(best_x, best_rms), residuals=residuals, best_dex=best.dex,
+            identifiability=identifiability, diagnostics=diagnostics, curves=curves,
+            dhr_curves=dhr_curves, holdout=holdout,
+            normalisation_error=_normalisation_error(posterior, optima.best.x),
+            microseconds=_microseconds(posterior, optima.best.x), timings=clock.timings,
+        )
+    )  # fmt: skip
+
+
+def _sample(
+    posterior: Posterior, optima: MapResult, seed: int,
+    progress: Callable[[Progress], None] | None,
+) -> Draws:  # fmt: skip
+    method = ACCURACIES[posterior.config.accuracy].method
+    mixture = laplace_mixture(posterior, optima)
+    return sample_posterior(
+        posterior, mixture, posterior.config, method=method, seed=seed, progress=progress
+    )
+
+
+def _tempered_draws(posterior: Posterior, draws: Draws, share: float, seed: int) -> Array:
+    """Draws with the likelihood weakened to the effective number of readings."""
+    if share == 1.0:
+        return draws.flat
+    draft = replace(posterior.config, accuracy="draft", max_steps=2000)
+    weak = replace(posterior.tempered(share), config=draft)
+    optima = find_map(weak, n_starts=4, seed=seed)
+    mixture = laplace_mixture(weak, optima)
+    return sample_posterior(weak, mixture, draft, method="psis", seed=seed).flat
+
+
+def _predicted_curves(
+    posterior: Posterior, draws: Array, x_map: Array, rng: np.random.Generator
+) -> tuple[Targets, NDArray[np.bool_], Bands]:
+    """Curves at every measured incidence, s and p (u where measured), and between them."""
+    scans = posterior.measurement.scans
+    measured = {(s.theta_i_deg, s.phi_r_deg, s.polarization) for s in scans}
+    geometries = sorted({(theta, phi) for theta, phi, _ in measured})
+    wanted = [
+        (theta, phi, q)
+        for theta, phi in geometries
+        for q in ("s", "p", "u")
+        if q != "u" or (theta, phi, q) in measured
+    ]
+    between = posterior.config.predict_theta_i_deg or angles_between([g[0] for g in geometries])
+    wanted += [(theta, 0.0, q) for theta in between for q in ("s", "p")]
+    grid = np.arange(-_CURVE_LIMIT_DEG, _CURVE_LIMIT_DEG + 0.5, _CURVE_STEP_DEG)
+    targets = Targets(
+        polarization=np.repeat([q for _, _, q in wanted], grid.size),
+        theta_i_deg=np.repeat([theta for theta, _, _ in wanted], grid.size),
+        theta_r_deg=np.tile(grid, len(wanted)),
+        phi_r_deg=np.repeat([phi for _, phi, _ in wanted], grid.size),
+    )
+    flags = np.repeat([key in measured for key in wanted], grid.size)
+    return targets, flags, predict_bands(posterior, draws, x_map, targets, rng)
+
+
+def angles_between(measured_deg: Sequence[float]) -> tuple[float, ...]:
+    """Up to three incidence angles that were not measured: the middles of the widest gaps [deg]."""
+    if not measured_deg:
+        return (20.0, 45.0, 70.0)
+    distinct = sorted({0.0, *measured_deg, 80.0})
+    gaps = sorted(zip(distinct[:-1], distinct[1:], strict=True), key=lambda g: (g[0] - g[1], g[0]))
+    middles = [round(0.5 * (a + b), 1) for a, b in gaps[:3] if b - a >= 5.0]  # noqa: PLR2004
+    return tuple(sorted(middles))
+
+
+def _predicted_dhr(
+    posterior: Posterior, draws: Array, x_map: Array, rng: np.random.Generator
+) -> tuple[Targets, NDArray[np.bool_], Bands]:
+    words = ["s", "p"]
+    if "u" in posterior.measurement.dhr.polarization or "u" in posterior.measurement.brdf.polarization:
+        words.append("u")
+    n = _DHR_ANGLES_DEG.size
+    targets = Targets(
+        polarization=np.repeat(words, n),
+        theta_i_deg=np.tile(_DHR_ANGLES_DEG, len(words)),
+        theta_r_deg=np.full(n * len(words), np.nan),
+        phi_r_deg=np.zeros(n * len(words)),
+    )
+    flags = np.zeros(n * len(words), dtype=bool)
+    return targets, flags, predict_bands(posterior, draws, x_map, targets, rng)
+
+
+def _coverage(posterior: Posterior, draws: Array, x_map: Array, rng: np.random.Generator) -> float:
+    """Share of the BRDF readings inside the 90 % predictive band; NaN without any."""
+    brdf = posterior.measurement.brdf
+    if not len(brdf):
+        return float("nan")
+    every = max(1, ceil(len(brdf) / 20_000))
+    targets = Targets(
+        brdf.polarization[::every], brdf.theta_i_deg[::every],
+        brdf.theta_r_deg[::every], brdf.phi_r_deg[::every],
+    )  # fmt: skip
+    band = predict_bands(posterior, draws, x_map, targets, rng).predictive
+    value = brdf.value[::every]
+    return float(np.mean((value >= band[:, 0]) & (value <= band[:, -1])))
+
+
+def _normalisation_error(posterior: Posterior, x: Array) -> float:
+    """Relative change of the model at the MAP when three more digits are asked for."""
+    if not len(posterior.measurement.brdf):
+        return 0.0
+    coarse, fine = (
+        evaluate(posterior.geometry, x[None, :], posterior.digits + extra)[0] for extra in (0.0, 3.0)
+    )
+    return float(np.max(np.abs(coarse / np.maximum(fine, 1e-280) - 1.0)))
+
+
+def _microseconds(posterior: Posterior, x: Array) -> float:
+    """Time of one likelihood evaluation in a call of 32 sets [us]."""
+    sets = np.tile(x, (32, 1))
+    started = time.perf_counter()
+    posterior.log_likelihood(sets)
+    return (time.perf_counter() - started) / len(sets) * 1e6
+
+
+@dataclass(frozen=True)
+class FitRun:
+    """A fit as a run folder on disk."""
+
+    folder: Path
+    status: str
+    verdict: str
+
+
+def fit_file(
+    csv: Path,
+    config: RunConfig,
+    *,
+    sample: str | None = None,
+    wavelength_um: float | None = None,
+    out: Path | None = None,
+    seed: int = DEFAULT_SEED,
+    resume: bool = False,
+    observer: Observer | None = None,
+) -> FitRun:
+    """From the CSV of a sample to its run folder and report.
+
+    Parameters
+    ----------
+    csv : Path
+    config : RunConfig
+    sample : str, optional
+        Needed where the file holds several samples.
+    wavelength_um : float, optional
+        Needed where the sample has several wavelengths [um].
+    out : Path, optional
+        The run folder itself; reports/<sample>/<time> by default.
+    seed : int
+    resume : bool
+        A finished run in ``out`` is returned as it is, an unfinished one is done again: the draws
+        are a function of data, configuration and seed, and come out the same.
+    observer : Observer, optional
+
+    Returns
+    -------
+    FitRun
+
+    Raises
+    ------
+    DataError, ConfigError
+        Nothing was written.
+    RunFolderError
+        ``out`` holds a run already, a different one, or cannot be written.
+    """
+    clock = _Clock(observer or Observer())
+    with clock.stage("read"):
+        measurement = read_measurement(
+            csv, sample=sample, wavelength_um=wavelength_um, brdf_floor=config.brdf_floor
+        )
+        checks = check_measurement(measurement)
+        posterior = build_posterior(measurement, config)
+    folder = out or run_folder.new_run_folder(Path("reports"), measurement.sample)
+    _refuse_other_content(folder, resume=resume)
+    if resume and run_folder.is_finished(folder):
+        return _finished_run(folder, measurement, config, seed)
+    with run_folder.locked(folder):
+        analysis = _fit_posterior(posterior, checks, seed, clock)
+        report = _render(analysis, clock)
+        log = "\n".join([f"sample {measurement.sample!r}, seed {seed}", *clock.log, ""])
+        run_folder.save_analysis(analysis, folder, report=report, log=log)
+    return FitRun(folder, analysis.summary["status"], analysis.summary["verdict"])
+
+
+def _render(analysis: Analysis, clock: _Clock) -> str:
+    with clock.stage("report"):
+        return render_report(analysis)
+
+
+def _refuse_other_content(folder: Path, *, resume: bool) -> None:
+    if folder.exists() and not folder.is_dir():
+        msg = f"{folder}: is a file; --out is the folder of the run"
+        raise RunFolderError(msg)
+    present = [p.name for p in folder.iterdir()] if folder.is_dir() else []
+    visible = sorted(name for name in present if not name.startswith("."))
+    if visible and not resume:
+        msg = f"{folder}: not empty ({', '.join(visible[:3])}). Add --resume, or give another --out"
+        raise RunFolderError(msg)
+
+
+def _finished_run(folder: Path, measurement: Measurement, config: RunConfig, seed: int) -> FitRun:
+    """The run that is there, if it is the one that was asked for."""
+    summary = run_folder.load_summary(folder)
+    wanted: Mapping[str, Any] = {
+        "data": measurement.sha256, "sample": measurement.sample, "seed": seed,
+        **run_folder.finite_only(config_table(config)),
+    }  # fmt: skip
+    found = {
+        "data": summary["input"]["sha256"], "sample": summary["sample"], "seed": summary["seed"],
+        **summary["config"],
+    }  # fmt: skip
+    different = [
+        f"  {key}: {found.get(key)!r} there, {value!r} now"
+        for key, value in wanted.items() if found.get(key) != value
+    ]  # fmt: skip
+    if different:
+        msg = f"{folder}: holds the run of something else:\n" + "\n".join(different)
+        raise RunFolderError(msg + "\nGive another --out")
+    return FitRun(folder, summary["status"], summary["verdict"])
+
+
+def rebuild_report(folder: Path) -> Path:
+    """Make the report again from the run folder; returns its path.
+
+    Raises
+    ------
+    RunFolderError
+    """
+    analysis = run_folder.load_analysis(folder)
+    with run_folder.locked(folder):
+        run_folder.write_text(folder / run_folder.REPORT, render_report(analysis))
+    return folder / run_folder.REPORT
+
+
+def predict_from_analysis(analysis: Analysis, targets: Targets) -> Bands:
+    """Bands of the model and of new readings at any geometry.
+
+    Parameters
+    ----------
+    analysis : Analysis
+    targets : Targets
+        All BRDF, or all DHR (``theta_r_deg`` NaN).
+
+    Returns
+    -------
+    Bands
+
+    Raises
+    ------
+    DataError
+        When an angle is out of range.
+    """
+    if np.any((targets.theta_i_deg < 0.0) | (targets.theta_i_deg > MAX_THETA_I_DEG)):
+        msg = f"theta_i_deg must be in [0, {MAX_THETA_I_DEG}]"
+        raise DataError(msg)
+    config = config_from_table(analysis.summary["config"])
+    posterior = build_posterior(measurement_of(analysis), config)
+    group = analysis.draws["posterior"]
+    flat = np.stack([group[name].values.ravel() for name in posterior.parameter_names], axis=1)
+    rng = np.random.default_rng([int(analysis.summary["seed"]), 7])
+    picked = flat[rng.choice(len(flat), _N_BAND_DRAWS)]
+    best = analysis.summary["parameters"]
+    x_map = np.array([best[name]["map"] for name in posterior.parameter_names])
+    return predict_bands(posterior, picked, x_map, targets, rng)
