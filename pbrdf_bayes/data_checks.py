@@ -16,11 +16,12 @@ import numpy as np
 from pbrdf_bayes.measurement import Measurement, Readings, Scan
 from pbrdf_bayes.scan_statistics import (
     Profile,
+    covers_specular,
+    find_spikes,
     hemisphere_bracket,
+    in_plane,
     mirror_asymmetry,
-    neighbour_deviation,
     normal_incidence_ratio,
-    one_sided_deviation,
     point_noise,
     profile,
     repeat_deviation,
@@ -54,7 +55,6 @@ NEAR_NORMAL_DEG = 10.0
 SIGNIFICANT = 3.0
 SPIKE_SD = 10.0
 SPIKE_DEX = 0.15
-SPIKE_SPARES_STEPS = 3
 MIN_POINTS = 5
 SPECULAR_WITHIN_DEG = 2.5
 DHR_WITHIN_DEG = 10.0
@@ -252,7 +252,12 @@ def _shows_its_lobe(p: Profile) -> bool:
     nor for p near the Brewster angle, where the plane of incidence is darker than the rest.
     """
     brewster = p.scan.polarization == "p" and p.scan.theta_i_deg > MAX_THETA_I_P_DEG
-    if brewster or len(p) < MIN_POINTS or not _covers_specular(p) or not _in_plane(p.scan):
+    if (
+        brewster
+        or len(p) < MIN_POINTS
+        or not covers_specular(p, within_deg=SPECULAR_WITHIN_DEG)
+        or not in_plane(p.scan)
+    ):
         return False
     bright = p.theta_r_deg[p.level > p.level.max() + np.log10(0.5)]
     return bool(bright.size >= MIN_POINTS - 2 and np.ptp(bright) >= MIN_LOBE_WIDTH_DEG)
@@ -263,7 +268,7 @@ def _check_spikes(profiles: tuple[Profile, ...]) -> DataCheck:
     long = [p for p in profiles if len(p) >= MIN_POINTS]
     if not long:
         return _skip("spikes", f"No scan has {MIN_POINTS} points or more.")
-    spikes = sorted((spike for p in long for spike in _find_spikes(p)), reverse=True)
+    spikes = sorted((spike for p in long for spike in _describe_spikes(p)), reverse=True)
     low = min(float(p.level.min()) for p in long)
     high = max(float(p.level.max()) for p in long)
     statement = (
@@ -279,26 +284,14 @@ def _check_spikes(profiles: tuple[Profile, ...]) -> DataCheck:
     return _judge("spikes", float(len(spikes)), statement, advice)
 
 
-def _find_spikes(p: Profile) -> list[tuple[float, str]]:
+def _describe_spikes(p: Profile) -> list[tuple[float, str]]:
     """Size [dex] and place of the isolated points of a scan."""
-    deviation, gain = neighbour_deviation(p)
-    angle, row = p.theta_r_deg[2:-2], p.row[2:-2]
-    size = np.abs(deviation)
-    beyond = (size > SPIKE_DEX) & (size / gain > SPIKE_SD * point_noise(p))
-    # A neighbour of a spike deviates the other way, by less.
-    padded = np.pad(size / gain, 2)
-    largest = np.all([size / gain >= padded[d : d + size.size] for d in range(5)], axis=0)
-    step = float(np.median(np.diff(p.theta_r_deg)))
-    lobe = np.abs(angle - p.scan.theta_i_deg) <= SPIKE_SPARES_STEPS * step
-    alone = one_sided_deviation(p) * np.sign(deviation) > 0.5 * size
-    beyond &= alone.all(axis=0)
-    # Near the Brewster angle p may fall to nothing within a step.
-    dip = (deviation < 0) & (p.scan.polarization == "p")
+    index, deviation = find_spikes(p, at_least=SPIKE_DEX, significant=SPIKE_SD)
     spikes = []
-    for i in np.flatnonzero(beyond & largest & ~lobe & ~dip).tolist():
-        place = f"line {row[i]}, " if row[i] else ""
-        text = f"{place}{p.scan.label}, theta_r {angle[i]:.6g} deg ({deviation[i]:+.2f} dex)"
-        spikes.append((float(size[i]), text))
+    for i, size in zip(index.tolist(), deviation.tolist(), strict=True):
+        place = f"line {p.row[i]}, " if p.row[i] else ""
+        text = f"{place}{p.scan.label}, theta_r {p.theta_r_deg[i]:.6g} deg ({size:+.2f} dex)"
+        spikes.append((abs(size), text))
     return spikes
 
 
@@ -310,7 +303,9 @@ def _check_coverage(profiles: tuple[Profile, ...]) -> DataCheck:
     missed = [
         p.scan.label
         for p in profiles
-        if len(p) >= MIN_POINTS and _in_plane(p.scan) and not _covers_specular(p)
+        if len(p) >= MIN_POINTS
+        and in_plane(p.scan)
+        and not covers_specular(p, within_deg=SPECULAR_WITHIN_DEG)
     ]
     statement = f"{len(profiles) - len(few) - len(missed)} of {len(profiles)} scans are complete."
     if missed:
@@ -322,18 +317,6 @@ def _check_coverage(profiles: tuple[Profile, ...]) -> DataCheck:
         f"{MIN_POINTS} points, or expect wider intervals for rho0 and sigma_n0."
     )
     return _judge("coverage", float(len(few) + len(missed)), statement, advice)
-
-
-def _in_plane(scan: Scan) -> bool:
-    """Tell whether positive angles of a scan are on the specular side of the plane of incidence."""
-    return scan.phi_r_deg % 360 == 0
-
-
-def _covers_specular(p: Profile) -> bool:
-    """Tell whether a scan has a point near its specular direction."""
-    step = float(np.median(np.diff(p.theta_r_deg))) if len(p) > 1 else 0.0
-    nearest = float(np.min(np.abs(p.theta_r_deg - p.scan.theta_i_deg), initial=np.inf))
-    return nearest <= max(SPECULAR_WITHIN_DEG, step)
 
 
 def _check_s_equals_p(profiles: tuple[Profile, ...]) -> DataCheck:

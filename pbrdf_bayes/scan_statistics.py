@@ -107,6 +107,44 @@ def point_noise(p: Profile) -> float:
     return _MAD_TO_SD * float(np.median(np.abs(deviation) / gain)) if gain.size else float("nan")
 
 
+def find_spikes(
+    p: Profile, *, at_least: float, significant: float
+) -> tuple[NDArray[np.int64], Array]:
+    """Find points that are off by themselves.
+
+    Spared are the three steps around the specular direction, where a narrow lobe looks like a
+    spike, and dips of p, which may fall to nothing at the Brewster angle.
+
+    Parameters
+    ----------
+    p : Profile
+    at_least : float
+        Least deviation from the neighbours [dex].
+    significant : float
+        Least deviation in standard deviations of the noise from point to point [1].
+
+    Returns
+    -------
+    index : ndarray of int, shape (n_spikes,)
+        Points of ``p``.
+    deviation : ndarray, shape (n_spikes,)
+        Level above the neighbours [dex].
+    """
+    deviation, gain = neighbour_deviation(p)
+    if deviation.size == 0:
+        return np.zeros(0, np.int64), deviation
+    size = np.abs(deviation)
+    beyond = (size > at_least) & (size / gain > significant * point_noise(p))
+    alone = one_sided_deviation(p) * np.sign(deviation) > 0.5 * size
+    padded = np.pad(size / gain, 2)
+    largest = np.all([size / gain >= padded[d : d + size.size] for d in range(5)], axis=0)
+    step = float(np.median(np.diff(p.theta_r_deg)))
+    spared = np.abs(p.theta_r_deg[2:-2] - p.scan.theta_i_deg) <= 3 * step
+    spared |= (deviation < 0) & (p.scan.polarization == "p")
+    index = np.flatnonzero(beyond & alone.all(axis=0) & largest & ~spared)
+    return index + 2, deviation[index]
+
+
 def repeat_deviation(measurement: Measurement) -> tuple[Array, NDArray[np.int64]]:
     """Deviation of repeated readings from the mean of their geometry.
 
@@ -120,22 +158,24 @@ def repeat_deviation(measurement: Measurement) -> tuple[Array, NDArray[np.int64]
     scan : ndarray of int, shape (n_repeated,)
         Index of the scan of each reading.
     """
-    brdf = measurement.brdf
-    scan = np.repeat(np.arange(len(measurement.scans)), [len(s) for s in measurement.scans])
-    use = brdf.value > 0
-    keys = (brdf.polarization, brdf.theta_i_deg, brdf.phi_r_deg, brdf.theta_r_deg)
-    codes = [
-        np.unique(key if key.dtype.kind == "U" else key.round(6), return_inverse=True)[1][use]
-        for key in keys
-    ]
-    level, scan = np.log10(brdf.value[use]), scan[use]
-    _, place, n = np.unique(np.array(codes), axis=1, return_inverse=True, return_counts=True)
-    place = place.ravel()
-    mean = np.bincount(place, weights=level, minlength=n.size) / n
-    n_here = n[place]
-    several = n_here > 1
-    scale = np.sqrt(n_here[several] / (n_here[several] - 1))
-    return (level - mean[place])[several] * scale, scan[several]
+    brdf, scans = measurement.brdf, measurement.scans
+    use = np.flatnonzero(brdf.value > 0)
+    scan = np.repeat(np.arange(len(scans)), [len(s) for s in scans])[use]
+    directions = [(s.polarization, round(s.theta_i_deg, 6), round(s.phi_r_deg, 6)) for s in scans]
+    number = {direction: index for index, direction in enumerate(directions)}
+    direction = np.array([number[d] for d in directions], dtype=np.int64)[scan]
+    theta_r = brdf.theta_r_deg[use].round(6)
+    order = np.lexsort((theta_r, direction))
+    new = np.ones(order.size, dtype=bool)
+    new[1:] = (np.diff(theta_r[order]) != 0) | (np.diff(direction[order]) != 0)
+    place = np.cumsum(new) - 1
+    n = np.bincount(place)
+    level = np.log10(brdf.value[use[order]])
+    mean = np.bincount(place, weights=level) / n
+    several = n[place] > 1
+    n_here = n[place[several]]
+    scale = np.sqrt(n_here / (n_here - 1))
+    return (level - mean[place])[several] * scale, scan[order[several]]
 
 
 def robust_sd(deviation: Array) -> float:
@@ -187,6 +227,18 @@ def normal_incidence_ratio(a: Profile, b: Profile, reach_deg: float) -> tuple[fl
     noise = np.nan_to_num(np.hypot(point_noise(a), point_noise(b)))
     gain = np.sqrt(np.linalg.inv(design.T @ design)[0, 0])
     return float(solution[0]), float(max(scatter, noise) * gain)
+
+
+def in_plane(scan: Scan) -> bool:
+    """Tell whether positive angles of a scan are on the specular side of the plane of incidence."""
+    return scan.phi_r_deg % 360 == 0
+
+
+def covers_specular(p: Profile, *, within_deg: float) -> bool:
+    """Tell whether a scan has a point within some degrees, or a step, of its specular direction."""
+    step = float(np.median(np.diff(p.theta_r_deg))) if len(p) > 1 else 0.0
+    nearest = float(np.min(np.abs(p.theta_r_deg - p.scan.theta_i_deg), initial=np.inf))
+    return nearest <= max(within_deg, step)
 
 
 def hemisphere_bracket(p: Profile) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from pbrdf_bayes.measurement import Measurement, select_scans
 
 Array = NDArray[np.float64]
 
-_N_STARTS = 6
+_N_STARTS = 8
 _N_DRAWS = 400
 
 

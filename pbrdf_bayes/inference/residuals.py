@@ -11,6 +11,7 @@ from pbrdf_bayes.inference.posterior import Posterior
 
 Array = NDArray[np.float64]
 
+_INDEPENDENT = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
@@ -68,8 +69,11 @@ def white_noise_dex(posterior: Posterior) -> float:
 
 
 def effective_share(lag1: float) -> float:
-    """Effective over actual number of readings for a first-order autoregression, in (0, 1]."""
-    if not np.isfinite(lag1) or lag1 <= 0.0:
+    """Effective over actual number of readings for a first-order autoregression, in (0, 1].
+
+    Correlations below 0.1 are taken as none: white noise shows as much.
+    """
+    if not np.isfinite(lag1) or lag1 <= _INDEPENDENT:
         return 1.0
     return max((1.0 - lag1) / (1.0 + lag1), 1e-3)
 

@@ -14,8 +14,9 @@ from threadpoolctl import threadpool_limits
 
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.inference import arviz_adapter
-from pbrdf_bayes.inference.laplace import ImportanceDraws, Mixture, importance_sample
+from pbrdf_bayes.inference.importance import ImportanceDraws, adapt_mixture, importance_sample
 from pbrdf_bayes.inference.map_fit import coordinate_bounds
+from pbrdf_bayes.inference.mixture import Mixture
 from pbrdf_bayes.inference.posterior import Posterior
 
 Array = NDArray[np.float64]
@@ -28,7 +29,7 @@ _OVERDISPERSION = 2.0
 _KEPT_DRAWS = 20_000
 _PSIS_PROPOSALS = 8_000
 _PSIS_DRAWS = 4_000
-_INDEPENDENCE_K_HAT = 0.5
+_INDEPENDENCE_K_HAT = 1.0
 _INDEPENDENCE_ESS = 0.2
 _PSIS_CHAINS = 4
 
@@ -111,7 +112,7 @@ def sample_posterior(
     ----------
     posterior : Posterior
     mixture : Mixture
-        Laplace approximation: the proposal of the fast way, the start of the ensembles.
+        Laplace approximation, from which the proposals are adapted.
     config : RunConfig
     method : {"psis", "emcee"}
         ``psis`` falls through to ``emcee`` when its Pareto shape or sample size is not good enough.
@@ -124,6 +125,7 @@ def sample_posterior(
     Draws
         ``converged`` is False when the budget of steps ran out first.
     """
+    mixture = adapt_mixture(posterior, mixture, seed=seed)
     quick = importance_sample(
         posterior, mixture, n_proposals=_PSIS_PROPOSALS, n_draws=_PSIS_DRAWS, seed=seed
     )
@@ -146,7 +148,7 @@ def _from_importance(posterior: Posterior, quick: ImportanceDraws) -> Draws:
         method="psis", converged=True, n_steps=x.shape[1], n_burn=0, thin=1,
         autocorrelation_time=np.nan, k_hat=quick.k_hat,
         n_evaluations=quick.n_evaluations,
-        moves="importance resampling from a Laplace t mixture",
+        moves="importance resampling from an adapted t mixture",
     )  # fmt: skip
 
 
@@ -163,11 +165,11 @@ class IndependenceMove(emcee.moves.MHMove):
 
 
 def choose_moves(mixture: Mixture, quick: ImportanceDraws) -> tuple[list[tuple[object, float]], str]:
-    """Moves and their shares: the Laplace mixture as proposal where it covers the posterior."""
+    """Moves and their shares: the adapted mixture as proposal where it covers the posterior."""
     if quick.k_hat < _INDEPENDENCE_K_HAT and quick.ess > _INDEPENDENCE_ESS * quick.n_evaluations:
         return (
             [(IndependenceMove(mixture), 0.7), (emcee.moves.DEMove(), 0.3)],
-            "0.70 independence from the Laplace t mixture, 0.30 differential evolution",
+            "0.70 independence from an adapted t mixture, 0.30 differential evolution",
         )
     return (
         [
@@ -226,7 +228,7 @@ def start_walkers(posterior: Posterior, mixture: Mixture, n_walkers: int, seed: 
     """Over-dispersed walkers in z with finite density, shape (n_walkers, n_par)."""
     rng = np.random.default_rng([seed, 2])
     low, high = coordinate_bounds(posterior)
-    wide = Mixture(mixture.centres, _OVERDISPERSION * mixture.factors, mixture.weights)
+    wide = mixture.widened(_OVERDISPERSION)
     kept = np.zeros((0, low.size))
     for _ in range(100):
         z = wide.sample(rng, 4 * n_walkers)

@@ -46,7 +46,6 @@ class Figures:
     held_out: list[Picture]
     corner: Picture | None
     chains: list[Picture]
-    polarizations: tuple[str, ...]
     remarks: dict[str, str] = field(default_factory=dict)
 
 
@@ -88,7 +87,6 @@ def _draw(analysis: Analysis) -> Figures:
         ),
         corner=corner_picture(physical) if physical else None,
         chains=chain_pictures(samples, ensembles_of(analysis)),
-        polarizations=_polarizations([c.polarization for c in [*curves, *between]]),
         remarks=_remarks(len(planes), len(scans), max((s.value.size for s in scans), default=0)),
     )
 
@@ -132,7 +130,3 @@ def _remarks(n_planes: int, n_scans: int, longest: int) -> dict[str, str]:
             f"the fit uses all (up to {count(longest)} in a scan)."
         )
     return found
-
-
-def _polarizations(words: Sequence[str]) -> tuple[str, ...]:
-    return tuple(p for p in ("s", "p", "u") if p in words)

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 MOST_PLANES = 24
 """Scan planes, or scans, drawn at most: the worst-fitting ones."""
 DECADES = 5.0
-"""Depth of the logarithmic axis at most; an exact Brewster null has none."""
+"""Depth of the logarithmic axis below which only readings go; an exact null has none."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,11 @@ class Picture:
     svg: Markup
     title: str | Markup
     notes: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def polarizations(self) -> tuple[str, ...]:
+        """Polarisations that are drawn."""
+        return tuple(p for p, _ in self.notes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,10 +127,11 @@ def log_limits(planes: Sequence[Plane]) -> tuple[float, float]:
     """Limits of the logarithmic axis [decades] that all panels share."""
     strands = [s for p in planes for s in p.strands]
     curves = [s.curve for s in strands if s.curve is not None]
-    values = [log10_or_gap(c.predictive_band[:, [0, 4]]) for c in curves]
-    values += [log10_or_gap(s.values) for s in strands]
-    low, high = limits(*values, pad=0.04, least=0.6)
-    return max(low, high - DECADES), high
+    predicted = [log10_or_gap(c.predictive_band[:, [0, 4]]) for c in curves]
+    measured = [log10_or_gap(s.values) for s in strands]
+    low, high = limits(*predicted, *measured, pad=0.04, least=0.6)
+    lowest = min((np.nanmin(m) - 0.1 for m in measured if np.isfinite(m).any()), default=high)
+    return max(low, min(high - DECADES, float(lowest)), high - 2 * DECADES), high
 
 
 def dex_reach(planes: Sequence[Plane]) -> float:

@@ -47,11 +47,14 @@ class Sample:
 
     @property
     def view(self) -> tuple[float, float]:
-        """Limits of the axes: all but the last permille of the draws."""
+        """Limits of the axes: all but a permille of the draws, nothing beyond the last."""
         flat = self.posterior[np.isfinite(self.posterior)]
-        low, high = np.quantile(flat, [0.0005, 0.9995]).tolist() if flat.size else (0.0, 1.0)
-        pad = 0.04 * (high - low) or 1e-3 * (abs(high) or 1.0)
-        return low - pad, high + pad
+        if flat.size == 0 or not flat.max() > flat.min():
+            middle = float(flat[0]) if flat.size else 0.0
+            return middle - 0.5, middle + 0.5
+        low, high = np.quantile(flat, [0.0005, 0.9995]).tolist()
+        pad = 0.04 * (high - low)
+        return max(low - pad, float(flat.min())), min(high + pad, float(flat.max()))
 
 
 def corner_picture(samples: Sequence[Sample]) -> Picture:
@@ -96,7 +99,7 @@ def _marginal(
     figure: Figure, box: tuple[float, float, float, float], x: Sample, *, last: bool
 ) -> None:
     low, high = x.view
-    posterior, prior = _density(x.posterior, x.view), _density(x.prior, x.view)
+    posterior, prior = _density(x.posterior, x.view, 1.6), _density(x.prior, x.view, 4.0)
     top = 1.12 * max(posterior.max(initial=0.0), prior.max(initial=0.0), 1e-300)
     panel = Panel(figure, *box, x=(low, high), y=(0.0, top))
     _x_ticks(panel, x, labels=last)
@@ -137,22 +140,18 @@ def _x_ticks(panel: Panel, x: Sample, *, labels: bool) -> None:
 
 def _inner_ticks(view: tuple[float, float]) -> tuple[list[float], list[str]]:
     """Ticks whose labels stay clear of the neighbouring panels."""
-    ticks, labels = linear_ticks(*view, least=2)
     margin = 0.07 * (view[1] - view[0])
-    inside = [view[0] + margin <= t <= view[1] - margin for t in ticks]
-    kept = [(t, w) for t, w, keep in zip(ticks, labels, inside, strict=True) if keep]
-    return [t for t, _ in kept], [w for _, w in kept]
+    return linear_ticks(view[0] + margin, view[1] - margin, least=2)
 
 
-def _density(draws: Array, view: tuple[float, float]) -> Array:
+def _density(draws: Array, view: tuple[float, float], width: float) -> Array:
     """Smoothed histogram; mirrored at the ends, so that a bound keeps its step."""
     flat = draws[np.isfinite(draws)]
     if flat.size == 0:
         return np.zeros(MARGINAL)
     counts, edges = np.histogram(flat, bins=MARGINAL, range=view)
-    width = edges[1] - edges[0]
-    smooth = gaussian_filter1d(counts.astype(np.float64), 1.6, mode="nearest")
-    return np.asarray(smooth / (flat.size * width))
+    smooth = gaussian_filter1d(counts.astype(np.float64), width, mode="nearest")
+    return np.asarray(smooth / (flat.size * (edges[1] - edges[0])))
 
 
 def _histogram(x: Sample, y: Sample) -> Array:

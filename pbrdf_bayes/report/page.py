@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from importlib.resources import files
 from typing import Any
 
@@ -30,7 +31,14 @@ TITLES = {
     "provenance": "Provenance",
 }
 VERDICT_WORDS = {"PASS": "Pass", "WARN": "Warning", "FAIL": "Fail", "SKIP": "Not applicable"}
-SYMBOLS = {"σ_N0": Markup("σ<sub>N0</sub>"), "ρ_0": Markup("ρ<sub>0</sub>")}
+SYMBOLS = {
+    r"σ_N0|\bsigma_n0\b": "σ<sub>N0</sub>",
+    r"ρ_0|\brho0\b": "ρ<sub>0</sub>",
+    r"\btheta_i\b": "θ<sub>i</sub>",
+    r"\btheta_r\b": "θ<sub>r</sub>",
+    r"\bsr\^-1\b": "sr⁻¹",
+}
+"""Symbols in running text, as they are typed and as they are set."""
 
 
 def render_report(analysis: Analysis) -> str:
@@ -63,10 +71,10 @@ def _template_text(name: str) -> str:
 
 def _with_symbols(text: str) -> Markup:
     """Escape a text and typeset the symbols in it."""
-    safe = escape(_finalize(text))
-    for plain, typeset in SYMBOLS.items():
-        safe = safe.replace(plain, typeset)
-    return safe
+    safe = str(escape(_finalize(text)))
+    for typed, set_as in SYMBOLS.items():
+        safe = re.sub(typed, set_as, safe)
+    return Markup(safe)  # the text was escaped above
 
 
 def _finalize(value: Any) -> Any:

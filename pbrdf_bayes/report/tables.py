@@ -26,6 +26,22 @@ from pbrdf_bayes.report.numbers import (
 )
 
 Record = Mapping[str, Any]
+WORDS = {
+    "n_ensembles": "independent ensembles",
+    "n_walkers": "walkers in each",
+    "n_steps": "steps",
+    "n_burn": "steps discarded",
+    "thin": "kept one step in",
+    "n_draws": "draws kept",
+    "acceptance": "accepted fraction",
+    "autocorrelation_time": "autocorrelation time (steps)",
+    "k_hat": "Pareto k-hat",
+    "n_evaluations": "model evaluations",
+    "rtol": "relative tolerance",
+    "normalisation_error": "normalisation error",
+    "microseconds_per_evaluation": "time per evaluation (µs)",
+}
+"""Names of the entries of the summary where the key alone would not be read with pleasure."""
 DIAGONAL = ("1", "#eceef0", "#59636e")
 ORDER = {"FAIL": 0, "WARN": 1, "PASS": 2, "SKIP": 3}
 
@@ -60,6 +76,7 @@ class ParameterRow:
     ess_tail: str
     prior: str
     contraction: str
+    effective: str
     bar: Bar | None
 
 
@@ -118,6 +135,7 @@ def _parameter_row(name: str, p: Record, prior: NDArray[np.float64]) -> Paramete
         ess_tail=count(p["ess_tail"]),
         prior=p["prior"],
         contraction=_contraction(p["contraction"]),
+        effective=_contraction(p["contraction_effective"]) if "contraction_effective" in p else "",
         bar=_bar(p, prior),
     )
 
@@ -181,19 +199,27 @@ def tally(rows: Sequence[CheckRow]) -> str:
 def _check_row(check: Record) -> CheckRow:
     unit = check["unit"] or ""
     unit = "" if unit == "1" else unit
-    has_value = finite(check["value"]) is not None
     return CheckRow(
         title=check["title"],
         verdict=check["verdict"],
-        value=_with_unit(check["value"], unit) if has_value else number(check["value"]),
+        value=_with_unit(check["value"], unit, digits=_digits(check)),
         threshold=_with_unit(check["threshold"], unit),
         statement=check["statement"],
         advice=check["advice"] or "",
     )
 
 
-def _with_unit(value: Any, unit: str) -> str:
-    text = number(value)
+def _digits(check: Record) -> int:
+    """Significant digits that tell a value from its threshold."""
+    value, threshold = finite(check["value"]), finite(check["threshold"])
+    if value is None or threshold is None:
+        return 3
+    near = abs(value - threshold) < 0.05 * abs(threshold)
+    return 3 if not near else 5 if 1 <= abs(value) < 10 else 4
+
+
+def _with_unit(value: Any, unit: str, *, digits: int = 3) -> str:
+    text = number(value, digits=digits)
     return text if text == MISSING or not unit else f"{text}{THIN}{unit}"
 
 
@@ -226,7 +252,7 @@ def scan_rows(summary: Record) -> list[tuple[str, ...]]:
             s["label"], s["polarization"], degrees(s["theta_i_deg"]), degrees(s["phi_r_deg"]),
             count(s["n"]), f"{degrees(s['theta_r_min_deg'])} to {degrees(s['theta_r_max_deg'])}",
             f"{number(s['value_min'])} to {number(s['value_max'])}",
-            number(s["rms_dex"], digits=2), rounded(s["bias_dex"], s["rms_dex"]).value,
+            rounded(s["rms_dex"], s["rms_dex"]).value, rounded(s["bias_dex"], s["rms_dex"]).value,
             fixed(s["lag1"], 2),
         )
         for s in summary["input"]["scans"]
@@ -270,7 +296,7 @@ def holdout_rows(summary: Record) -> list[tuple[str, ...]]:
 
 def facts(pairs: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Names and values of a record as text."""
-    return [(name.replace("_", " "), _plain(value)) for name, value in pairs.items()]
+    return [(WORDS.get(n, n.replace("_", " ")), _plain(value)) for n, value in pairs.items()]
 
 
 def _plain(value: Any) -> str:

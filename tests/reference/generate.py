@@ -246,15 +246,14 @@ def shape(surface: Surface, inc: Incidence, alpha: mpf, beta: mpf) -> Pair:
 
 
 def scattering(
-    surface: Surface, inc: Incidence, sigma_n0: mpf, directions: Iterable[Pair], rule: Grid
-) -> tuple[Pair, list[Pair], mpf]:
-    """DHR pair, BRDF pair per direction, and the step difference of the integral."""
-    integrals, difference = normalisation(surface, inc, rule)
+    surface: Surface, inc: Incidence, sigma_n0: mpf, directions: Iterable[Pair], integrals: Pair
+) -> tuple[Pair, list[Pair]]:
+    """DHR pair of eq. (2) and BRDF pair of eq. (3) per direction."""
     f_s, f_p = surface.fresnel(inc.sine)
     dhr = (sigma_n0 * f_s, sigma_n0 * f_p)
     factor = (dhr[0] / integrals[0], dhr[1] / integrals[1])
     shapes = (shape(surface, inc, *cosines) for cosines in directions)
-    return dhr, [(factor[0] * s, factor[1] * p) for s, p in shapes], difference
+    return dhr, [(factor[0] * s, factor[1] * p) for s, p in shapes]
 
 
 # ------------------------------------------------------------------------------------- points
@@ -316,9 +315,7 @@ def normalisation_points(seed: int, size: int) -> list[Point]:
     """Inputs of the corners and of `size` random points."""
     rng = random.Random(seed)
     kinds = [("corner", corner) for corner in dict.fromkeys(corners())]
-    kinds += [
-        ("random", (*random_surface(rng), random_theta_i_deg(rng))) for _ in range(size)
-    ]
+    kinds += [("random", (*random_surface(rng), random_theta_i_deg(rng))) for _ in range(size)]
     points = []
     for kind, (n, k, rho0, theta_i_deg) in kinds:
         theta_r_deg, phi_r_deg = zip(*random_directions(rng, theta_i_deg), strict=True)
@@ -373,10 +370,8 @@ def normalisation_record(point: Point) -> tuple[Point, float]:
     """Point with its values, and the step difference of its integral."""
     surface = Surface(point["n"], point["k"], point["rho0"])
     inc, directions = point_geometry(point)
-    integrals, _ = normalisation(surface, inc, grid())
-    dhr, brdf, difference = scattering(
-        surface, inc, mp.mpf(point["sigma_n0"]), directions, grid()
-    )
+    integrals, difference = normalisation(surface, inc, grid())
+    dhr, brdf = scattering(surface, inc, mp.mpf(point["sigma_n0"]), directions, integrals)
     fresnel = surface.fresnel(inc.sine)
     record = dict(point)
     for i, q in enumerate(POLARISATIONS):
@@ -393,7 +388,8 @@ def observables(point: Point, name: str, shift: mpf) -> list[mpf]:
     values[name] += shift
     surface = Surface(values["n"], values["k"], values["rho0"])
     inc, directions = point_geometry(point)
-    dhr, brdf, _ = scattering(surface, inc, values["sigma_n0"], directions, grid())
+    integrals, _ = normalisation(surface, inc, grid())
+    dhr, brdf = scattering(surface, inc, values["sigma_n0"], directions, integrals)
     return [mp.log(f[q]) for q in (0, 1) for f in brdf] + list(dhr)
 
 
@@ -528,14 +524,16 @@ def composite(rule: list[Pair], breaks: Iterable[mpf]) -> Iterator[Pair]:
 
 def polar_integral(surface: Surface, inc: Incidence) -> Pair:
     """Disk integral over (theta_r, phi_r), tanh-sinh nodes in both, without separation."""
-    coarse = grid(8, 46)
+    coarse = grid(10, 46)
     rule = list(zip(coarse.nodes, coarse.weights, strict=True))
     half_pi = mp.pi / 2
     width = peak_width(surface, inc)
     totals = [mp.mpf(0), mp.mpf(0)]
-    for theta, w_theta in composite(rule, graded(inc.angle, width, mp.mpf(0), half_pi)):
+    for theta, w_theta in composite(rule, graded(inc.angle, width, mp.mpf(0), half_pi, 12)):
         c, s = mp.cos_sin(theta)
-        azimuths = graded(mp.mpf(0), width / s, mp.mpf(0), mp.pi) | {half_pi}
+        azimuths = {mp.mpf(0), half_pi, mp.pi}
+        for ridge in (mp.mpf(0), mp.acos(min(1, inc.sine / s)), mp.pi):
+            azimuths |= graded(ridge, width / s, mp.mpf(0), mp.pi, 12)
         for phi, w_phi in composite(rule, azimuths):
             c_phi, s_phi = mp.cos_sin(phi)
             values = shape(surface, inc, s * c_phi, s * s_phi)
@@ -622,15 +620,15 @@ def verify(args: argparse.Namespace) -> None:
     points = normalisation_points(args.seed, args.size)
     extreme = [x for x in points if x["kind"] == "corner"]
     drawn = [x for x in points if x["kind"] == "random"]
-    mild = [x for x in drawn if x["rho0"] > 0.05 and x["theta_i_deg"] < 85]
+    mild = [x for x in drawn if x["rho0"] > 0.3 and x["theta_i_deg"] < 75]
     hard = [x for x in drawn if x["rho0"] < 0.02 or x["theta_i_deg"] > 85]
     slopes = gradient_points(args.seed, 40)
     plan: list[tuple[str, Callable[[Point], float], list[Point]]] = [
         ("complex Fresnel amplitudes", check_fresnel, points),
         ("60 digits, other step and panels", check_precision, [*extreme[::4], *drawn[::20]]),
         ("s = p at normal incidence", check_symmetry, drawn[:20]),
-        ("2-D, polar, tanh-sinh", check_polar, mild[:20]),
-        ("2-D, Cartesian, Gauss", check_cartesian, [*extreme[::5], *hard[:10]]),
+        ("2-D, polar, tanh-sinh", check_polar, mild[:8]),
+        ("2-D, Cartesian, Gauss", check_cartesian, [*extreme[::4], *mild[:6], *hard[:10]]),
         ("gradient, step times eight", check_gradient, slopes[::4]),
     ]
     with multiprocessing.Pool(args.processes) as pool:

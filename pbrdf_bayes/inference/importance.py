@@ -1,0 +1,145 @@
+"""Importance sampling with a mixture that adapts to the posterior, and its own health check."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import log10
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbrdf_bayes.inference.arviz_adapter import pareto_smooth
+from pbrdf_bayes.inference.mixture import Mixture, fit_mixture
+from pbrdf_bayes.inference.posterior import Posterior
+
+Array = NDArray[np.float64]
+
+K_HAT_LIMIT = 0.7
+_ROUNDS = 6
+_ROUND_SIZE = 2_000
+_GOOD_SHARE = 0.5
+_COMPONENTS = 4
+_FIRST_WIDENING = 1.5
+_FEWEST_EFFECTIVE = 25.0
+
+
+@dataclass(frozen=True, eq=False)
+class ImportanceDraws:
+    """Equally weighted draws by importance resampling, with the evidence that they can be used.
+
+    Attributes
+    ----------
+    z : ndarray, shape (n_draws, n_par)
+        Coordinates.
+    log_prob : ndarray, shape (n_draws,)
+    k_hat : float
+        Pareto shape of the importance weights.
+    ess : float
+        Effective sample size of the weighted draws.
+    n_evaluations : int
+    """
+
+    z: Array
+    log_prob: Array
+    k_hat: float
+    ess: float
+    n_evaluations: int
+
+    def usable(self, ess_target: float) -> bool:
+        """k-hat below min(1 - 1/log10 S, 0.7) and enough effective draws."""
+        return self.k_hat < k_hat_limit(self.n_evaluations) and self.ess >= ess_target
+
+
+def k_hat_limit(n_draws: int) -> float:
+    """Largest Pareto shape at which importance sampling with n_draws is reliable."""
+    return min(1.0 - 1.0 / log10(max(n_draws, 11)), K_HAT_LIMIT)
+
+
+def adapt_mixture(posterior: Posterior, start: Mixture, *, seed: int) -> Mixture:
+    """Fit the mixture to the posterior by rounds of importance sampling.
+
+    All rounds so far are weighed against the mixture of their proposals (Cornuet et al. 2012,
+    doi:10.1111/j.1467-9469.2011.00756.x) and refitted, until half of the draws are effective. While
+    few are, the weights are tempered, so that no single point takes over.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    start : Mixture
+        In the coordinates z, e.g. from `laplace_mixture`.
+    seed : int
+
+    Returns
+    -------
+    Mixture
+    """
+    rng = np.random.default_rng([seed, 8])
+    proposals, points, values = [start.widened(_FIRST_WIDENING)], [], []
+    n_components = max(_COMPONENTS, len(start.weights) + 1)
+    for _ in range(_ROUNDS):
+        z = proposals[-1].sample(rng, _ROUND_SIZE)
+        points.append(z)
+        values.append(posterior.log_prob_coordinates(z))
+        every = np.concatenate(points)
+        density = np.logaddexp.reduce([q.log_density(every) for q in proposals], axis=0)
+        log_weights = np.concatenate(values) - density
+        if _effective(log_weights[-_ROUND_SIZE:], 1.0) > _GOOD_SHARE * _ROUND_SIZE:
+            break
+        if not np.isfinite(log_weights).any():
+            return start
+        inside = np.isfinite(log_weights)
+        weights = _tempered_weights(log_weights[inside], every.shape[1])
+        proposals.append(fit_mixture(every[inside], weights, n_components, rng))
+    return proposals[-1]
+
+
+def _effective(log_weights: Array, power: float) -> float:
+    finite = log_weights[np.isfinite(log_weights)]
+    if not finite.size:
+        return 0.0
+    weights = np.exp(power * (finite - finite.max()))
+    return float(weights.sum() ** 2 / np.sum(weights**2))
+
+
+def _tempered_weights(log_weights: Array, n_par: int) -> Array:
+    """Normalised weights to the largest power that leaves enough effective points for a fit."""
+    power = 1.0
+    while power > 1e-3 and _effective(log_weights, power) < _FEWEST_EFFECTIVE * n_par:  # noqa: PLR2004
+        power *= 0.8
+    weights = np.exp(power * (log_weights - log_weights.max()))
+    return np.asarray(weights / weights.sum())
+
+
+def importance_sample(
+    posterior: Posterior, mixture: Mixture, *, n_proposals: int, n_draws: int, seed: int
+) -> ImportanceDraws:
+    """Draw from the mixture, weigh by the posterior, smooth the weights, resample.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    mixture : Mixture
+    n_proposals, n_draws : int
+        Proposals evaluated, and equally weighted draws returned.
+    seed : int
+
+    Returns
+    -------
+    ImportanceDraws
+    """
+    rng = np.random.default_rng([seed, 1])
+    z = mixture.sample(rng, n_proposals)
+    log_prob = posterior.log_prob_coordinates(z)
+    inside = np.isfinite(log_prob)
+    log_weights = np.where(inside, log_prob - mixture.log_density(z), -np.inf)
+    if inside.sum() < _ROUND_SIZE // 20:
+        return ImportanceDraws(z[:0], log_prob[:0], np.inf, 0.0, n_proposals)
+    smoothed, k_hat = pareto_smooth(log_weights[inside])
+    weights = np.exp(smoothed - np.max(smoothed))
+    weights /= weights.sum()
+    steps = (rng.random() + np.arange(n_draws)) / n_draws
+    chosen = np.minimum(np.searchsorted(np.cumsum(weights), steps), weights.size - 1)
+    chosen = rng.permutation(np.flatnonzero(inside)[chosen])
+    return ImportanceDraws(
+        z[chosen], log_prob[chosen], k_hat, float(1.0 / np.sum(weights**2)), n_proposals
+    )

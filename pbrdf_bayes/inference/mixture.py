@@ -1,0 +1,143 @@
+"""Mixtures of multivariate t densities: the proposals of importance sampling and of the sampler."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import lgamma, log, pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_DOF = 6.0
+_SMALLEST_WEIGHT = 0.02
+_EM_STEPS = 25
+_SHRINKAGE = 0.02
+_DEFENSIVE_SHARE = 0.1
+_DEFENSIVE_WIDTH = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Mixture:
+    """Multivariate t components in the coordinates z.
+
+    Attributes
+    ----------
+    centres : ndarray, shape (n_components, n_par)
+    factors : ndarray, shape (n_components, n_par, n_par)
+        Lower Cholesky factors of the scale matrices.
+    weights : ndarray, shape (n_components,)
+    """
+
+    centres: Array
+    factors: Array
+    weights: Array
+
+    def sample(self, rng: np.random.Generator, size: int) -> Array:
+        """Independent draws, shape (size, n_par)."""
+        component = rng.choice(self.weights.size, size=size, p=self.weights)
+        normal = rng.standard_normal((size, self.centres.shape[1]))
+        stretch = np.sqrt(_DOF / rng.chisquare(_DOF, size))[:, None]
+        moved = np.einsum("cij,cj->ci", self.factors[component], normal)
+        return self.centres[component] + moved * stretch
+
+    def component_log_densities(self, z: Array) -> Array:
+        """Natural log of weight times density of each component, shape (n_components, n_sets)."""
+        n_par = z.shape[1]
+        norm = lgamma(0.5 * (_DOF + n_par)) - lgamma(0.5 * _DOF) - 0.5 * n_par * log(_DOF * pi)
+        parts = []
+        for centre, factor, weight in zip(self.centres, self.factors, self.weights, strict=True):
+            distance = np.sum(np.linalg.solve(factor, (z - centre).T) ** 2, axis=0)
+            parts.append(
+                log(weight) + norm - np.log(np.diag(factor)).sum()
+                - 0.5 * (_DOF + n_par) * np.log1p(distance / _DOF)
+            )  # fmt: skip
+        return np.array(parts)
+
+    def log_density(self, z: Array) -> Array:
+        """Natural log of the density, shape (n_sets,)."""
+        return np.asarray(np.logaddexp.reduce(self.component_log_densities(z), axis=0))
+
+    def widened(self, factor: float) -> Mixture:
+        """The same centres with scales multiplied by ``factor``."""
+        return Mixture(self.centres, factor * self.factors, self.weights)
+
+
+def fit_mixture(
+    z: Array, weights: Array, n_components: int, rng: np.random.Generator
+) -> Mixture:
+    """Fit t components to weighted points by expectation-maximisation.
+
+    Parameters
+    ----------
+    z : ndarray, shape (n_points, n_par)
+    weights : ndarray, shape (n_points,)
+        Normalised importance weights.
+    n_components : int
+    rng : numpy.random.Generator
+        Chooses the first centres, far from each other (k-means++).
+
+    Returns
+    -------
+    Mixture
+        Covariances are shrunk a little towards the overall one, so that none degenerates; one
+        component more, wider than all points, keeps the tails covered.
+    """
+    mean = weights @ z
+    overall = _covariance(z - mean, weights)
+    whitened = np.linalg.solve(np.linalg.cholesky(overall), (z - mean).T).T
+    centres = z[_spread_out(whitened, weights, n_components, rng)]
+    mixture = Mixture(
+        centres,
+        np.tile(np.linalg.cholesky(overall / n_components), (len(centres), 1, 1)),
+        np.full(len(centres), 1.0 / len(centres)),
+    )
+    for _ in range(_EM_STEPS):
+        mixture = _em_step(mixture, z, weights, overall)
+    wide = _DEFENSIVE_WIDTH * np.linalg.cholesky(overall)
+    return Mixture(
+        np.concatenate([mixture.centres, mean[None]]),
+        np.concatenate([mixture.factors, wide[None]]),
+        np.append((1.0 - _DEFENSIVE_SHARE) * mixture.weights, _DEFENSIVE_SHARE),
+    )
+
+
+def _em_step(mixture: Mixture, z: Array, weights: Array, overall: Array) -> Mixture:
+    """One step; the latent scale of each t component downweights its far points."""
+    log_parts = mixture.component_log_densities(z)
+    share = np.exp(log_parts - np.logaddexp.reduce(log_parts, axis=0)) * weights
+    centres, factors, totals = [], [], []
+    n_par = z.shape[1]
+    for centre, factor, row in zip(mixture.centres, mixture.factors, share, strict=True):
+        total = row.sum()
+        if total < 1e-4:  # noqa: PLR2004
+            continue
+        distance = np.sum(np.linalg.solve(factor, (z - centre).T) ** 2, axis=0)
+        precision = (_DOF + n_par) / (_DOF + distance)
+        new = (row * precision) @ z / (row @ precision)
+        spread = _covariance(z - new, row * precision / total)
+        factors.append(np.linalg.cholesky((1.0 - _SHRINKAGE) * spread + _SHRINKAGE * overall))
+        centres.append(new)
+        totals.append(total)
+    shares = np.maximum(np.array(totals) / np.sum(totals), _SMALLEST_WEIGHT)
+    return Mixture(np.array(centres), np.array(factors), shares / shares.sum())
+
+
+def _covariance(deviations: Array, weights: Array) -> Array:
+    n_par = deviations.shape[1]
+    matrix = (deviations * weights[:, None]).T @ deviations
+    return np.asarray(matrix + 1e-12 * np.trace(matrix) / n_par * np.eye(n_par))
+
+
+def _spread_out(
+    z: Array, weights: Array, n_components: int, rng: np.random.Generator
+) -> NDArray[np.int64]:
+    """Indices of centres: each drawn by weight times squared distance to those before it."""
+    chosen = [int(rng.choice(len(z), p=weights))]
+    distance = np.full(len(z), np.inf)
+    for _ in range(n_components - 1):
+        distance = np.minimum(distance, np.sum((z - z[chosen[-1]]) ** 2, axis=1))
+        p = weights * distance
+        chosen.append(int(rng.choice(len(z), p=p / p.sum())))
+    return np.array(chosen)
