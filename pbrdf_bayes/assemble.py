@@ -23,6 +23,7 @@ from pbrdf_bayes.inference.diagnostics import (
     WARN,
     Diagnostic,
     Identifiability,
+    contraction,
     overall_verdict,
 )
 from pbrdf_bayes.inference.holdout import Holdout
@@ -57,8 +58,8 @@ class Stages:
     best_dex: Array
     identifiability: Identifiability
     diagnostics: tuple[Diagnostic, ...]
-    curves: tuple[Targets, Array, Bands]
-    dhr_curves: tuple[Targets, Array, Bands]
+    curves: tuple[Targets, NDArray[np.bool_], Bands]
+    dhr_curves: tuple[Targets, NDArray[np.bool_], Bands]
     holdout: Holdout | None
     normalisation_error: float
     microseconds: float
@@ -180,7 +181,7 @@ def _parameters(s: Stages) -> dict[str, Any]:
         values = flat[:, i]
         q025, q05, median, q95, q975 = np.quantile(values, [0.025, 0.05, 0.5, 0.95, 0.975])
         prior_sd = spec.prior.standard_deviation
-        contraction = 1.0 - (values.std() / prior_sd) ** 2
+        explained = contraction(spec, values)
         table[spec.name] = {
             "symbol": spec.symbol, "unit": spec.unit, "description": spec.description,
             "kind": spec.kind, "mean": values.mean(), "sd": values.std(ddof=1),
@@ -188,8 +189,8 @@ def _parameters(s: Stages) -> dict[str, Any]:
             "map": s.optima.best.x[i], "ess_bulk": draws.ess_bulk[i],
             "ess_tail": draws.ess_tail[i], "rhat": draws.rhat[i],
             "mcse_mean": draws.mcse_mean[i], "prior": spec.prior.describe(),
-            "prior_sd": prior_sd, "contraction": contraction,
-            "identified": bool(honest.get(spec.name, contraction) >= CONTRACTION_WARN),
+            "prior_sd": prior_sd, "contraction": explained,
+            "identified": bool(honest.get(spec.name, explained) >= CONTRACTION_WARN),
         }  # fmt: skip
         if spec.name in honest:
             table[spec.name]["contraction_effective"] = honest[spec.name]
@@ -311,9 +312,7 @@ def _predictive(s: Stages) -> xr.Dataset:
     n_draws = int(np.clip(_MAX_PREDICTIVE // max(m.n_obs, 1), 4, 100))
     picked = s.draws.flat[rng.choice(len(s.draws.flat), n_draws)]
     brdf, dhr = s.posterior.predict(picked)
-    targets = Targets(
-        m.brdf.polarization, m.brdf.theta_i_deg, m.brdf.theta_r_deg, m.brdf.phi_r_deg
-    )
+    targets = Targets(m.brdf.polarization, m.brdf.theta_i_deg, m.brdf.theta_r_deg, m.brdf.phi_r_deg)
     brdf = replicate_brdf(s.posterior, picked, brdf, targets, rng)
     dhr = replicate_dhr(s.posterior, picked, dhr, m.dhr.polarization, rng)
     return xr.Dataset(
@@ -414,7 +413,8 @@ def _dhr_curves(s: Stages) -> xr.Dataset:
 
 def measurement_of(analysis: Analysis) -> Measurement:
     """The measurement a run was made from, out of its arrays."""
-    seen, fixed = analysis.draws["observed_data"], analysis.draws["constant_data"]
+    seen = analysis.draws["observed_data"].to_dataset()
+    fixed = analysis.draws["constant_data"].to_dataset()
     n_brdf, n_dhr = seen["brdf"].size, seen["dhr"].size
     labels = [str(label) for label in fixed["scan"].values]
     scan = [labels[int(i)] for i in fixed["brdf_scan"].values]

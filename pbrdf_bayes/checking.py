@@ -40,7 +40,9 @@ def describe_file(path: Path, *, brdf_floor: float = 0.0) -> tuple[str, bool]:
 
 
 def _describe(m: Measurement, said: set[str]) -> str:
-    lines = [f"{m.sample}, {m.wavelength_um:g} um: {len(m.brdf)} BRDF and {len(m.dhr)} DHR readings"]
+    lines = [
+        f"{m.sample}, {m.wavelength_um:g} um: {len(m.brdf)} BRDF and {len(m.dhr)} DHR readings"
+    ]
     for scan in m.scans:
         theta, value = m.brdf.theta_r_deg[scan.rows], m.brdf.value[scan.rows]
         lines.append(

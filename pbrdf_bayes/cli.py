@@ -93,7 +93,7 @@ def _add_check(verbs: Any) -> None:
     parser = _verb(verbs, "check", _check, "Validate a CSV and summarise what it holds.")
     parser.add_argument("csv", type=Path, metavar="CSV")
     parser.add_argument("--brdf-floor", type=float, default=0.0, metavar="SR-1",
-                        help="noise-equivalent BRDF; readings at or below it are censored")  # fmt: skip
+                        help="noise-equivalent BRDF; readings up to it are censored")  # fmt: skip
 
 
 def _add_fit(verbs: Any) -> None:
@@ -107,10 +107,10 @@ def _add_fit(verbs: Any) -> None:
     parser.add_argument("--accuracy", metavar="LEVEL",
                         help="draft, standard (default) or reference")  # fmt: skip
     parser.add_argument("--effects", metavar="NAMES",
-                        help="none (default: the four-parameter model), or names with commas")  # fmt: skip
+                        help="none (default: the four-parameter model), or names")  # fmt: skip
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed (default 1)")
     parser.add_argument("--resume", action="store_true",
-                        help="start or go on with the run in DIR; a finished one is kept")  # fmt: skip
+                        help="start or redo the run in DIR; a finished one is kept")  # fmt: skip
     parser.add_argument("--strict", action="store_true", help="exit 4 when the verdict is FAIL")
     parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
 
@@ -128,7 +128,9 @@ def _add_predict(verbs: Any) -> None:
     _add_angles(parser, theta_r="-85:85:1")
     parser.add_argument("--dhr-theta-i", type=_numbers, default=[], metavar="DEG,...",
                         help="incidence angles of DHR rows")  # fmt: skip
-    parser.add_argument("--phi-r", type=float, default=0.0, metavar="DEG", help="azimuth (default 0)")
+    parser.add_argument(
+        "--phi-r", type=float, default=0.0, metavar="DEG", help="azimuth (default 0)"
+    )
     parser.add_argument("--rtol", type=float, default=1e-8, help="tolerance with --params (1e-8)")
     parser.add_argument("--out", type=Path, metavar="CSV", help="default: standard output")
 
@@ -139,7 +141,7 @@ def _add_simulate(verbs: Any) -> None:
     _add_angles(parser, theta_r="-80:80:0.5")
     parser.add_argument("--dhr-theta-i", type=_numbers, metavar="DEG,...",
                         default=[float(a) for a in range(10, 90, 10)],
-                        help="incidence angles of the DHR readings (10,20,...,80; none: '')")  # fmt: skip
+                        help="incidence angles of DHR readings (10,20..80; none: '')")  # fmt: skip
     parser.add_argument("--sample", default="paint_simulated", metavar="NAME")
     parser.add_argument("--wavelength", type=float, default=3.39, metavar="UM")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of the noise")
@@ -148,7 +150,7 @@ def _add_simulate(verbs: Any) -> None:
     parser.add_argument("--calibration", type=float, default=0.0,
                         help="relative sd of the gain of each scan (0)")  # fmt: skip
     parser.add_argument("--dhr-calibration", type=float, default=0.0,
-                        help="relative sd of the gain of the DHR of a polarisation (0)")  # fmt: skip
+                        help="relative sd of the DHR gain of a polarisation (0)")  # fmt: skip
     parser.add_argument("--out", type=Path, required=True, metavar="CSV")
 
 
@@ -163,7 +165,7 @@ def _add_angles(parser: argparse.ArgumentParser, *, theta_r: str) -> None:
     parser.add_argument("--theta-i", type=_numbers, default=[0.0, 20.0, 40.0, 60.0, 80.0],
                         metavar="DEG,...", help="incidence angles (0,20,40,60,80)")  # fmt: skip
     parser.add_argument("--theta-r", type=_grid, default=_grid(theta_r), metavar="LO:HI:STEP",
-                        help=f"scattering angles ({theta_r}); write --theta-r=-80:80:1")  # fmt: skip
+                        help=f"scattering angles ({theta_r}); --theta-r=-80:80:1")  # fmt: skip
     parser.add_argument("--polarization", type=_words, default=["s", "p"], metavar="s,p,u",
                         help="polarisations (s,p)")  # fmt: skip
 

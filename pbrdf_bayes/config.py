@@ -105,9 +105,8 @@ class RunConfig:
         _one_of("accuracy", self.accuracy, ACCURACIES)
         _one_of("prior", self.prior, PRIOR_PRESETS)
         _one_of("brdf_scale", self.brdf_scale, BRDF_SCALES)
-        if isinstance(self.effects, str):
-            msg = f"effects = {self.effects!r}: give a list of names, e.g. effects = []"
-            raise ConfigError(msg)
+        _tuple("effects", self.effects)
+        _tuple("predict_theta_i_deg", self.predict_theta_i_deg)
         for name in self.effects:
             _one_of("effects", name, EFFECTS)
         _in_range("brdf_floor", self.brdf_floor, 0.0, 1e3)
@@ -141,7 +140,9 @@ def check_keys(given: Iterable[str], *, where: str) -> None:
     known = [f.name for f in fields(RunConfig)]
     for key in given:
         if key not in known:
-            msg = f"{where}: unknown key {key!r}.{did_you_mean(key, known)} Known: {', '.join(known)}"
+            msg = (
+                f"{where}: unknown key {key!r}.{did_you_mean(key, known)} Known: {', '.join(known)}"
+            )
             raise ConfigError(msg)
 
 
@@ -157,6 +158,12 @@ def _one_of(key: str, value: Any, allowed: Iterable[str]) -> None:
     if value not in names:
         listed = ", ".join(map(repr, names)) or "none in this version"
         msg = f"{key} = {value!r} is not known.{did_you_mean(str(value), names)} Allowed: {listed}"
+        raise ConfigError(msg)
+
+
+def _tuple(key: str, value: Any) -> None:
+    if not isinstance(value, tuple):
+        msg = f"{key} = {value!r} is not allowed: give a list (in Python a tuple)"
         raise ConfigError(msg)
 
 

@@ -25,7 +25,6 @@ from pbrdf_bayes.scan_statistics import (
     point_noise,
     profile,
     repeat_deviation,
-    robust_sd,
     zero_offset,
 )
 
@@ -167,7 +166,7 @@ def _check_repeatability(measurement: Measurement) -> DataCheck:
     deviation, scan = repeat_deviation(measurement)
     if deviation.size == 0:
         return _skip("repeatability", "No geometry was measured more than once.")
-    spread = robust_sd(deviation)
+    spread = float(np.sqrt(np.mean(deviation**2)))
     several = np.unique(scan)
     means = [float(np.mean(deviation[scan == index])) for index in several]
     worst = int(np.argmax(np.abs(means)))

@@ -210,11 +210,10 @@ def _take(readings: Readings, rows: NDArray[np.int64]) -> Readings:
 
 def _rank(words: NDArray[np.str_], ordered: Sequence[str]) -> NDArray[np.integer]:
     """Place of each word among the ordered ones."""
-    few = len(ordered) < 2**15  # numpy sorts short integers fastest
-    place: NDArray[np.integer] = np.zeros(words.size, np.int16 if few else np.int64)
-    for index, word in enumerate(ordered):
-        place[words == word] = index
-    return place
+    place = {word: index for index, word in enumerate(ordered)}
+    # numpy sorts short integers fastest.
+    kind = np.int16 if len(ordered) < 2**15 else np.int64
+    return np.fromiter(map(place.__getitem__, words.tolist()), kind, words.size)
 
 
 def _group_scans(

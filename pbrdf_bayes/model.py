@@ -146,7 +146,7 @@ def brdf(
         dhr_polarization=np.zeros(0, np.str_),
     )
     values, _ = evaluate(geometry, parameters.as_array()[None, :], digits_of(rtol))
-    return values[0].reshape(angles[0].shape)
+    return np.asarray(values[0].reshape(angles[0].shape))
 
 
 def dhr(parameters: Parameters, theta_i_deg: ArrayLike, polarization: str = "s") -> Array:
@@ -185,7 +185,7 @@ def dhr(parameters: Parameters, theta_i_deg: ArrayLike, polarization: str = "s")
         dhr_polarization=np.full(angles.size, _checked_polarization(polarization)),
     )
     _, values = evaluate(geometry, parameters.as_array()[None, :], 6.0)
-    return values[0].reshape(angles.shape)
+    return np.asarray(values[0].reshape(angles.shape))
 
 
 def reciprocity_ratio(

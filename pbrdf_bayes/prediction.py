@@ -60,9 +60,7 @@ def predict_table(
             continue
         if folder is not None:
             bands = predict_from_analysis(load_analysis(folder), targets)
-            values = np.column_stack(
-                [bands.model[:, [2, 0, 1, 3, 4]], bands.predictive[:, [0, 4]]]
-            )
+            values = np.column_stack([bands.model[:, [2, 0, 1, 3, 4]], bands.predictive[:, [0, 4]]])
         else:
             values = _of_parameters(parameters, targets, rtol)
         lines += _lines(quantity, targets, values)
@@ -83,7 +81,7 @@ def _targets(
 
 def _of_parameters(parameters: Parameters | None, targets: Targets, rtol: float) -> Array:
     """Values at given parameters, shape (n, 1)."""
-    assert parameters is not None  # noqa: S101
+    assert parameters is not None
     values = np.empty(targets.theta_i_deg.size)
     for q in np.unique(targets.polarization).tolist():
         rows = targets.polarization == q

@@ -178,11 +178,6 @@ def repeat_deviation(measurement: Measurement) -> tuple[Array, NDArray[np.int64]
     return (level - mean[place])[several] * scale, scan[order[several]]
 
 
-def robust_sd(deviation: Array) -> float:
-    """Give the standard deviation of normal noise with the same median absolute deviation."""
-    return _MAD_TO_SD * float(np.median(np.abs(deviation)))
-
-
 def mirror_asymmetry(p: Profile, centre_deg: float = 0.0) -> float:
     """Rms of log10 f(centre + t) / f(centre - t) over the measured t > 0 [dex]; NaN below 5."""
     t = np.abs(p.theta_r_deg - centre_deg)

@@ -36,7 +36,9 @@ def progress_line(progress: Progress) -> str:
     """
     share = min(progress.ess / progress.ess_target, 1.0)
     bar = "#" * int(_BAR * share) + "." * (_BAR - int(_BAR * share))
-    left = f"about {progress.seconds_left + 0.5:.0f} s left" if progress.seconds_left else "checking"
+    left = (
+        f"about {progress.seconds_left + 0.5:.0f} s left" if progress.seconds_left else "checking"
+    )
     return (
         f"  [{bar}] {progress.n_steps:5d} steps  ESS {progress.ess:5.0f}/{progress.ess_target}"
         f"  R-hat {progress.rhat:.3f}  {left} "

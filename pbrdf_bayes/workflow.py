@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from itertools import pairwise
 from math import ceil
 from pathlib import Path
 from typing import Any
@@ -202,8 +203,8 @@ def angles_between(measured_deg: Sequence[float]) -> tuple[float, ...]:
     if not measured_deg:
         return (20.0, 45.0, 70.0)
     distinct = sorted({0.0, *measured_deg, 80.0})
-    gaps = sorted(zip(distinct[:-1], distinct[1:], strict=True), key=lambda g: (g[0] - g[1], g[0]))
-    middles = [round(0.5 * (a + b), 1) for a, b in gaps[:3] if b - a >= 5.0]  # noqa: PLR2004
+    gaps = sorted(pairwise(distinct), key=lambda g: (g[0] - g[1], g[0]))
+    middles = [round(0.5 * (a + b), 1) for a, b in gaps[:3] if b - a >= 5.0]
     return tuple(sorted(middles))
 
 
@@ -211,7 +212,10 @@ def _predicted_dhr(
     posterior: Posterior, draws: Array, x_map: Array, rng: np.random.Generator
 ) -> tuple[Targets, NDArray[np.bool_], Bands]:
     words = ["s", "p"]
-    if "u" in posterior.measurement.dhr.polarization or "u" in posterior.measurement.brdf.polarization:
+    if (
+        "u" in posterior.measurement.dhr.polarization
+        or "u" in posterior.measurement.brdf.polarization
+    ):
         words.append("u")
     n = _DHR_ANGLES_DEG.size
     targets = Targets(
@@ -244,7 +248,8 @@ def _normalisation_error(posterior: Posterior, x: Array) -> float:
     if not len(posterior.measurement.brdf):
         return 0.0
     coarse, fine = (
-        evaluate(posterior.geometry, x[None, :], posterior.digits + extra)[0] for extra in (0.0, 3.0)
+        evaluate(posterior.geometry, x[None, :], posterior.digits + extra)[0]
+        for extra in (0.0, 3.0)
     )
     return float(np.max(np.abs(coarse / np.maximum(fine, 1e-280) - 1.0)))
 
@@ -398,7 +403,7 @@ def predict_from_analysis(analysis: Analysis, targets: Targets) -> Bands:
         raise DataError(msg)
     config = config_from_table(analysis.summary["config"])
     posterior = build_posterior(measurement_of(analysis), config)
-    group = analysis.draws["posterior"]
+    group = analysis.draws["posterior"].to_dataset()
     flat = np.stack([group[name].values.ravel() for name in posterior.parameter_names], axis=1)
     rng = np.random.default_rng([int(analysis.summary["seed"]), 7])
     picked = flat[rng.choice(len(flat), _N_BAND_DRAWS)]

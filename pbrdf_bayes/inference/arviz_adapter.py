@@ -21,9 +21,7 @@ def ess_bulk(draws: Array) -> Array:
 
 def ess_tail(draws: Array) -> Array:
     """Effective sample size of the 5 % and 95 % quantiles, the smaller one, shape (n_par,)."""
-    return np.asarray(
-        array_stats.ess(draws, chain_axis=0, draw_axis=1, method="tail", prob=_TAIL)
-    )
+    return np.asarray(array_stats.ess(draws, chain_axis=0, draw_axis=1, method="tail", prob=_TAIL))
 
 
 def mcse_mean(draws: Array) -> Array:
@@ -32,7 +30,7 @@ def mcse_mean(draws: Array) -> Array:
 
 
 def rhat_between(draws: Array, ensemble: NDArray[np.int64]) -> Array:
-    """Nested R-hat between ensembles, shape (n_par,) (Margossian et al. 2024, doi:10.1214/24-BA1453).
+    """Nested R-hat between ensembles, shape (n_par,): Margossian et al., doi:10.1214/24-BA1453.
 
     Walkers of one ensemble talk to each other: agreement among them is no evidence. ``ensemble``,
     shape (n_chains,), says which walkers form one.

@@ -104,9 +104,7 @@ def replicate_brdf(
     """
     names = posterior.parameter_names
     inferred = {n[-1]: draws[:, i] for i, n in enumerate(names) if n.startswith("s_rel_")}
-    largest = (
-        np.max(list(inferred.values()), axis=0) if inferred else np.zeros(len(draws))
-    )
+    largest = np.max(list(inferred.values()), axis=0) if inferred else np.zeros(len(draws))
     noise = np.stack([inferred.get(q, largest) for q in targets.polarization.tolist()], axis=1)
     keys = np.stack([targets.theta_i_deg, targets.phi_r_deg], axis=1)
     _, scan = np.unique(keys, axis=0, return_inverse=True)

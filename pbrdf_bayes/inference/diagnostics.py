@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.inference.holdout import Holdout
 from pbrdf_bayes.inference.map_fit import MapResult
+from pbrdf_bayes.inference.parameters import ParameterSpec
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.residuals import Residuals
 from pbrdf_bayes.inference.sampling import AUTOCORRELATION_TIMES, RHAT_LIMIT, Draws
@@ -81,6 +82,14 @@ class Identifiability:
     bound_share: Array
 
 
+def contraction(spec: ParameterSpec, values: Array) -> float:
+    """1 - var(posterior)/var(prior), in the logarithm where the sampler moves in it."""
+    prior = spec.prior.quantile((np.arange(4000) + 0.5) / 4000)
+    if spec.log_coordinate:
+        prior, values = np.log(prior), np.log(values)
+    return float(1.0 - np.var(values) / np.var(prior))
+
+
 def assess_identifiability(
     posterior: Posterior, draws: Array, tempered: Array, share: float
 ) -> Identifiability:
@@ -89,16 +98,13 @@ def assess_identifiability(
     for index, spec in enumerate(posterior.specs):
         if spec.kind != "physical":
             continue
-        prior_sd = spec.prior.standard_deviation
         low, high = spec.prior.quantile(np.array([BOUND_QUANTILE, 1.0 - BOUND_QUANTILE]))
         at_low = 0.0 if spec.name == "k" else np.mean(draws[:, index] < low)  # k = 0 is physical
         names.append(spec.name)
-        plain.append(1.0 - (draws[:, index].std() / prior_sd) ** 2)
-        honest.append(1.0 - (tempered[:, index].std() / prior_sd) ** 2)
+        plain.append(contraction(spec, draws[:, index]))
+        honest.append(contraction(spec, tempered[:, index]))
         bound.append(max(float(at_low), float(np.mean(draws[:, index] > high))))
-    return Identifiability(
-        tuple(names), np.array(plain), np.array(honest), share, np.array(bound)
-    )
+    return Identifiability(tuple(names), np.array(plain), np.array(honest), share, np.array(bound))
 
 
 def run_diagnostics(
@@ -144,7 +150,7 @@ def _grade(value: float, warn: float, fail: float) -> str:
 
 
 def _percent(dex: float) -> float:
-    return 100.0 * (10.0**dex - 1.0)
+    return float(100.0 * (10.0**dex - 1.0))
 
 
 def _misfit(rms: float, noise: float) -> Diagnostic:
@@ -189,7 +195,7 @@ def _rhat(draws: Draws) -> Diagnostic:
     verdict = PASS if value < RHAT_LIMIT else FAIL
     return Diagnostic(
         "rhat", "Agreement of ensembles (nested R-hat)", value, RHAT_LIMIT, "1", verdict,
-        f"Largest R-hat between {len(np.unique(draws.ensemble))} independent ensembles: {value:.4f}.",
+        f"Largest R-hat between {len(np.unique(draws.ensemble))} ensembles: {value:.4f}.",
         "" if verdict == PASS else "The ensembles disagree: give more steps (max_steps).",
     )  # fmt: skip
 
@@ -200,7 +206,7 @@ def _ess(draws: Draws, config: RunConfig) -> Diagnostic:
     return Diagnostic(
         "ess", "Effective sample size", value, float(config.ess_target), "1", verdict,
         f"Smallest bulk or tail effective sample size: {value:.0f}.",
-        "" if verdict == PASS else "Means and interval ends are noisy: give more steps (max_steps).",
+        "" if verdict == PASS else "Means and intervals are noisy: give more steps (max_steps).",
     )  # fmt: skip
 
 
@@ -226,9 +232,8 @@ def _modes(optima: MapResult) -> Diagnostic:
         if optima.best.log_posterior - best.log_posterior < RIVAL_NATS
     ]  # fmt: skip
     gap = optima.best.log_posterior - rivals[0] if rivals else np.nan
-    statement = (
-        f"{optima.best.n_starts} of {optima.n_starts} starts end at the best optimum; "
-        + (f"{len(rivals)} other within {RIVAL_NATS:g} nats." if rivals else "no rival is near.")
+    statement = f"{optima.best.n_starts} of {optima.n_starts} starts end at the best optimum; " + (
+        f"{len(rivals)} other within {RIVAL_NATS:g} nats." if rivals else "no rival is near."
     )
     return Diagnostic(
         "modes", "Separate optima", float(gap), RIVAL_NATS, "nat", WARN if rivals else PASS,
@@ -265,7 +270,9 @@ def _identified(found: Identifiability) -> Diagnostic:
 
 def _bounds(found: Identifiability) -> Diagnostic:
     value = float(found.bound_share.max())
-    active = [n for n, b in zip(found.names, found.bound_share, strict=True) if b > BOUND_SHARE_WARN]
+    active = [
+        n for n, b in zip(found.names, found.bound_share, strict=True) if b > BOUND_SHARE_WARN
+    ]
     return Diagnostic(
         "bounds", "Parameters at a bound", value, BOUND_SHARE_WARN, "1",
         FAIL if active else PASS,

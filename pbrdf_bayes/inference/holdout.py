@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,8 +53,8 @@ class Holdout:
 
 
 def choose_scan(measurement: Measurement) -> int | None:
-    """Scan that the recipe fits: s or unpolarised, off normal but not grazing; None if impossible."""
-    if len(measurement.scans) < 2 or not len(measurement.dhr):  # noqa: PLR2004
+    """Scan that the recipe fits: s or unpolarised, off normal, not grazing; None if impossible."""
+    if len(measurement.scans) < 2 or not len(measurement.dhr):
         return None
 
     def merit(index: int) -> tuple[bool, bool, float]:
@@ -85,7 +87,7 @@ def run_holdout(measurement: Measurement, config: RunConfig, *, seed: int) -> Ho
 
 def _applicable(
     config: RunConfig, measurement: Measurement, chosen: int
-) -> dict[str, object]:
+) -> dict[str, Mapping[str, Any]]:
     """The user's priors without those of noises that the one scan does not have."""
     other = {f"s_rel_{q}" for q in "spu"} - {f"s_rel_{measurement.scans[chosen].polarization}"}
     return {name: table for name, table in config.priors.items() if name not in other}
@@ -111,8 +113,8 @@ def _score(left_out: Measurement, band: Array, fitted: str) -> Holdout:
         fitted=f"DHR and the scan {fitted}",
         statement=(
             f"Fitted to DHR and the scan {fitted} alone, the model predicts the other "
-            f"{len(left_out.scans)} scans within {rms:.3f} dex rms; {100 * coverage:.0f} % of their "
-            "readings lie inside the 90 % predictive band."
+            f"{len(left_out.scans)} scans within {rms:.3f} dex rms; {100 * coverage:.0f} % of "
+            "their readings lie inside the 90 % predictive band."
         ),
         scan=label,
         theta_r_deg=left_out.brdf.theta_r_deg,

@@ -104,7 +104,7 @@ def _effective(log_weights: Array, power: float) -> float:
 def _tempered_weights(log_weights: Array, n_par: int) -> Array:
     """Normalised weights to the largest power that leaves enough effective points for a fit."""
     power = 1.0
-    while power > 1e-3 and _effective(log_weights, power) < _FEWEST_EFFECTIVE * n_par:  # noqa: PLR2004
+    while power > 1e-3 and _effective(log_weights, power) < _FEWEST_EFFECTIVE * n_par:
         power *= 0.8
     weights = np.exp(power * (log_weights - log_weights.max()))
     return np.asarray(weights / weights.sum())

@@ -22,14 +22,21 @@ from math import log as scalar_log
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from pbrdf_bayes.measurement import Measurement
-from pbrdf_bayes.physics.brdf import Geometry, brdf_s_p, fill_dhr, mix_rows
-from pbrdf_bayes.physics.elementary import log
+from pbrdf_bayes.physics.brdf import (
+    Geometry,
+    add_scan_slopes,
+    buffers,
+    dhr_gradient,
+    fill_dhr,
+    log_brdf,
+    to_parameters,
+)
+from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.fresnel import surface
-from pbrdf_bayes.physics.normalisation import workspace
+from pbrdf_bayes.physics.normalisation import SLOPES, VALUES, workspace
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -122,9 +129,9 @@ def prepare_rows(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def log_normal_cdf(z: float) -> float:
-    """ln Phi(z), without underflow for z down to -1e150."""
+    """Ln Phi(z), without underflow for z down to -1e150."""
     if z > -20.0:
         return scalar_log(0.5 * erfc(-z / sqrt(2.0)))
     z2 = 1.0 / (z * z)
@@ -132,86 +139,126 @@ def log_normal_cdf(z: float) -> float:
     return -0.5 * z * z - 0.5 * _LN_2PI - scalar_log(-z) + scalar_log(series)
 
 
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
-def _moments(residual: Array) -> tuple[float, float]:
-    """Sum and sum of squares."""
+@compiled(reassociate=True)
+def _moments(y: Array, log_f: Array, direction: Index, out: Array) -> tuple[float, float]:
+    """Residuals y - ln f of a scan into ``out``; their sum and sum of squares."""
     total = 0.0
     squares = 0.0
-    for i in range(residual.size):
-        total += residual[i]
-        squares += residual[i] * residual[i]
+    for i in range(y.size):
+        residual = y[i] - log_f[direction[i]]
+        out[i] = residual
+        total += residual
+        squares += residual * residual
     return total, squares
 
 
-@njit(cache=True, error_model="numpy")
-def _log_residuals(y: Array, model: Array, out: Array) -> None:
-    """Y minus ln(model), into ``out``."""
-    for i in range(y.size):
-        out[i] = y[i] - log(max(model[i], _TINY))
+@compiled()
+def _plain_scan(
+    total: float, squares: float, n: int, s_rel: float, u_cal2: float
+) -> tuple[float, float, float]:
+    """A scan whose rows share the variance v = s_rel^2, from its moments.
+
+    Returns the log-likelihood, the gain's posterior mean and the slope by v.
+    """
+    v = s_rel * s_rel
+    inflation = 1.0 + u_cal2 * n / v
+    shrunk = u_cal2 / (v * inflation)  # posterior variance of the gain over v
+    gain = total * shrunk
+    chi2 = (squares - total * gain) / v
+    value = -0.5 * (chi2 + n * (_LN_2PI + scalar_log(v)) + scalar_log(inflation))
+    about_gain = squares - 2.0 * gain * total + n * gain * gain
+    slope = 0.5 * (about_gain / (v * v) - n / v + n * shrunk / v)
+    return value, gain, slope
 
 
-@njit(cache=True, error_model="numpy")
-def _plain_scan(y: Array, model: Array, s_rel: float, u_cal2: float, out: Array) -> float:
-    """Log-likelihood of a scan whose rows share the variance s_rel^2."""
-    _log_residuals(y, model, out)
-    total, squares = _moments(out)
-    variance = s_rel * s_rel
-    inflation = 1.0 + u_cal2 * y.size / variance
-    chi2 = (squares - total * total * u_cal2 / (variance * inflation)) / variance
-    return -0.5 * (chi2 + y.size * (_LN_2PI + scalar_log(variance)) + scalar_log(inflation))
-
-
-@njit(cache=True, error_model="numpy")
+@compiled()
 def _scan_with_floor(
-    y: Array, model: Array, u2: Array, censored: NDArray[np.bool_], s_rel: float, rows: Rows
-) -> float:
-    """Log-likelihood of a scan with a floor, stated uncertainties or censored readings."""
+    y: Array, log_f: Array, direction: Index, u2: Array, censored: NDArray[np.bool_],
+    s_rel: float, rows: Rows, out: Array,
+) -> tuple[float, float]:  # fmt: skip
+    """A scan with a floor, stated uncertainties or censored readings.
+
+    Returns the log-likelihood and its slope by s_rel; the slopes by ln f go into ``out``.
+    """
     total = 0.0
     chi2 = 0.0
     weights = 0.0
-    log_terms = 0.0
+    value = 0.0
     for i in range(y.size):
-        f2 = max(model[i] * model[i], _TINY)
+        f2 = np.exp(2.0 * max(log_f[direction[i]], -300.0))
         with_floor = f2 + rows.floor2
-        variance = s_rel * s_rel + u2[i] + rows.floor2 / with_floor
+        v = s_rel * s_rel + u2[i] + rows.floor2 / with_floor
         residual = y[i] - 0.5 * scalar_log(with_floor)
         if censored[i]:
-            log_terms -= 2.0 * log_normal_cdf(residual / sqrt(variance + rows.u_cal2))
+            value += log_normal_cdf(residual / sqrt(v + rows.u_cal2))
         else:
-            weights += 1.0 / variance
-            total += residual / variance
-            chi2 += residual * residual / variance
-            log_terms += _LN_2PI + scalar_log(variance)
-    inflation = 1.0 + rows.u_cal2 * weights
-    chi2 -= total * total * rows.u_cal2 / inflation
-    return -0.5 * (chi2 + log_terms + scalar_log(inflation))
+            weights += 1.0 / v
+            total += residual / v
+            chi2 += residual * residual / v
+            value -= 0.5 * (_LN_2PI + scalar_log(v))
+    shrunk = rows.u_cal2 / (1.0 + rows.u_cal2 * weights)
+    gain = total * shrunk
+    value -= 0.5 * (chi2 - total * gain + np.log1p(rows.u_cal2 * weights))
+    slope_s = 0.0
+    for i in range(y.size):
+        f2 = np.exp(2.0 * max(log_f[direction[i]], -300.0))
+        with_floor = f2 + rows.floor2
+        above = f2 / with_floor  # d(1/2 ln(f^2 + b^2)) / d ln f
+        v = s_rel * s_rel + u2[i] + rows.floor2 / with_floor
+        v_slope = -2.0 * above * (1.0 - above)
+        residual = y[i] - 0.5 * scalar_log(with_floor)
+        if censored[i]:
+            spread = v + rows.u_cal2
+            z = residual / sqrt(spread)
+            hazard = np.exp(-0.5 * z * z - 0.5 * _LN_2PI - log_normal_cdf(z))
+            by_v = -0.5 * hazard * z / spread
+            by_mean = -hazard / sqrt(spread)
+        else:
+            away = residual - gain
+            by_v = 0.5 * ((away * away + shrunk) / (v * v) - 1.0 / v)
+            by_mean = away / v
+        slope_s += 2.0 * s_rel * by_v
+        out[i] = by_mean * above + by_v * v_slope
+    return value, slope_s
 
 
-@njit(cache=True, error_model="numpy")
-def _dhr_readings(rows: Rows, model: Array, u_dhr: float) -> float:
-    """Log-likelihood of the DHR readings; one gain for each polarisation."""
-    result = 0.0
+@compiled()
+def _dhr_readings(rows: Rows, model: Array, u_dhr: float, slopes: Array) -> tuple[float, float]:
+    """The DHR readings; one gain for each polarisation.
+
+    Returns the log-likelihood and its slope by u_dhr; the slopes by the DHR go into ``slopes``.
+    """
+    value = 0.0
+    slope_u = 0.0
     for group in range(3):
         chi2 = 0.0
         cross = 0.0
         weights = 0.0
-        log_terms = 0.0
         for i in range(model.size):
-            if rows.dhr_group[i] != group:
-                continue
-            variance = rows.dhr_u2[i] if rows.dhr_u2[i] >= 0.0 else u_dhr * u_dhr
-            residual = rows.dhr[i] - model[i]
-            chi2 += residual * residual / variance
-            cross += residual * model[i] / variance
-            weights += model[i] * model[i] / variance
-            log_terms += _LN_2PI + scalar_log(variance)
-        inflation = 1.0 + rows.dhr_cal2 * weights
-        chi2 -= cross * cross * rows.dhr_cal2 / inflation
-        result -= 0.5 * (chi2 + log_terms + scalar_log(inflation))
-    return result
+            if rows.dhr_group[i] == group:
+                v = rows.dhr_u2[i] if rows.dhr_u2[i] >= 0.0 else u_dhr * u_dhr
+                residual = rows.dhr[i] - model[i]
+                chi2 += residual * residual / v
+                cross += residual * model[i] / v
+                weights += model[i] * model[i] / v
+                value -= 0.5 * (_LN_2PI + scalar_log(v))
+        shrunk = rows.dhr_cal2 / (1.0 + rows.dhr_cal2 * weights)
+        gain = cross * shrunk
+        value -= 0.5 * (chi2 - cross * gain + np.log1p(rows.dhr_cal2 * weights))
+        for i in range(model.size):
+            if rows.dhr_group[i] == group:
+                inferred = rows.dhr_u2[i] < 0.0
+                v = u_dhr * u_dhr if inferred else rows.dhr_u2[i]
+                residual = rows.dhr[i] - model[i]
+                away = residual - gain * model[i]
+                slopes[i] = ((1.0 + gain) * away - shrunk * model[i]) / v
+                if inferred:
+                    spread = away * away + shrunk * model[i] * model[i]
+                    slope_u += u_dhr * (spread / (v * v) - 1.0 / v)
+    return value, slope_u
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True)
 def iid_log_likelihood(geometry: Geometry, rows: Rows, parameters: Array, digits: float) -> Array:
     """Log-likelihood of every parameter set.
 
@@ -230,26 +277,97 @@ def iid_log_likelihood(geometry: Geometry, rows: Rows, parameters: Array, digits
     """
     n_sets = parameters.shape[0]
     result = np.empty(n_sets)
-    s_p = np.empty((2, geometry.directions.shape[1]))
-    brdf = np.empty(rows.y.size)
-    residual = np.empty(rows.y.size)
+    found = buffers(geometry.directions.shape[1], geometry.incidences.shape[0], VALUES)
+    work = np.empty(rows.y.size)
     dhr = np.empty(rows.dhr.size)
+    dhr_work = np.empty(rows.dhr.size)
     ws = workspace()
     for j in range(n_sets):
         x = parameters[j]
         surf = surface(x[0], x[1], x[2], x[3])
-        brdf_s_p(geometry, surf, digits, ws, s_p)
-        mix_rows(geometry, s_p, brdf)
+        log_brdf(geometry, surf, digits, VALUES, ws, found)
         fill_dhr(geometry, surf, dhr)
-        total = _dhr_readings(rows, dhr, x[rows.dhr_noise_column])
+        total, _ = _dhr_readings(rows, dhr, x[rows.dhr_noise_column], dhr_work)
         for scan in range(rows.noise_column.size):
             a, b = rows.scan_start[scan], rows.scan_start[scan + 1]
             s_rel = x[rows.noise_column[scan]]
+            log_f = found.log_f[geometry.row_polarization[a]]
+            direction = geometry.row_direction[a:b]
             if rows.plain[scan]:
-                total += _plain_scan(rows.y[a:b], brdf[a:b], s_rel, rows.u_cal2, residual[a:b])
+                s1, s2 = _moments(rows.y[a:b], log_f, direction, work[a:b])
+                value, _, _ = _plain_scan(s1, s2, b - a, s_rel, rows.u_cal2)
             else:
-                total += _scan_with_floor(
-                    rows.y[a:b], brdf[a:b], rows.u2[a:b], rows.censored[a:b], s_rel, rows
-                )
+                value, _ = _scan_with_floor(
+                    rows.y[a:b], log_f, direction, rows.u2[a:b], rows.censored[a:b], s_rel, rows,
+                    work[a:b],
+                )  # fmt: skip
+            total += value
         result[j] = total
     return result
+
+
+@compiled(nogil=True)
+def iid_gradient(
+    geometry: Geometry, rows: Rows, parameters: Array, digits: float
+) -> tuple[Array, Array]:
+    """Log-likelihood and its derivatives by all parameters, from one pass.
+
+    Parameters
+    ----------
+    geometry, rows, parameters, digits
+        As for `iid_log_likelihood`.
+
+    Returns
+    -------
+    tuple of ndarray, shapes (n_sets,) and (n_sets, n_par)
+    """
+    n_sets = parameters.shape[0]
+    result = np.empty(n_sets)
+    slopes = np.zeros(parameters.shape)
+    found = buffers(geometry.directions.shape[1], geometry.incidences.shape[0], SLOPES)
+    work = np.empty(rows.y.size)
+    dhr = np.empty(rows.dhr.size)
+    dhr_work = np.empty(rows.dhr.size)
+    physical = np.empty(4)
+    ws = workspace()
+    for j in range(n_sets):
+        x = parameters[j]
+        out = slopes[j]
+        surf = surface(x[0], x[1], x[2], x[3])
+        log_brdf(geometry, surf, digits, SLOPES, ws, found)
+        fill_dhr(geometry, surf, dhr)
+        total, slope = _dhr_readings(rows, dhr, x[rows.dhr_noise_column], dhr_work)
+        if rows.dhr_noise_column >= 0:
+            out[rows.dhr_noise_column] += slope
+        for i in range(dhr.size):
+            dhr_gradient(geometry, surf, i, physical)
+            for p in range(4):
+                out[p] += dhr_work[i] * physical[p]
+        sums = np.zeros(3)
+        weight = 0.0
+        for scan in range(rows.noise_column.size):
+            a, b = rows.scan_start[scan], rows.scan_start[scan + 1]
+            s_rel = x[rows.noise_column[scan]]
+            log_f = found.log_f[geometry.row_polarization[a]]
+            direction = geometry.row_direction[a:b]
+            if rows.plain[scan]:
+                s1, s2 = _moments(rows.y[a:b], log_f, direction, work[a:b])
+                value, gain, by_v = _plain_scan(s1, s2, b - a, s_rel, rows.u_cal2)
+                slope = 2.0 * s_rel * by_v
+                for i in range(a, b):
+                    work[i] = (work[i] - gain) / (s_rel * s_rel)
+            else:
+                value, slope = _scan_with_floor(
+                    rows.y[a:b], log_f, direction, rows.u2[a:b], rows.censored[a:b], s_rel, rows,
+                    work[a:b],
+                )  # fmt: skip
+            total += value
+            out[rows.noise_column[scan]] += slope
+            weight += add_scan_slopes(geometry, found, a, b, work, sums)
+        to_parameters(sums[0], sums[1], sums[2], surf, physical)
+        out[0] += physical[0]
+        out[1] += physical[1]
+        out[2] += weight / surf.sigma_n0
+        out[3] += physical[3]
+        result[j] = total
+    return result, slopes

@@ -12,10 +12,10 @@ from scipy.stats import qmc
 
 from pbrdf_bayes.errors import FitError
 from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.physics.brdf import LOG_TINY, evaluate_gradient
 
 Array = NDArray[np.float64]
 
-_STEP = 1e-5
 _INSIDE = 1e-12
 _SCREENED_PER_START = 16
 _SAME_OPTIMUM_NATS = 0.05
@@ -77,18 +77,6 @@ def coordinate_bounds(posterior: Posterior) -> tuple[Array, Array]:
     return low + _INSIDE, high - _INSIDE  # exp(log(bound)) may round to outside
 
 
-def gradient(posterior: Posterior, z: Array, low: Array, high: Array) -> tuple[float, Array]:
-    """Log-density in z and its central-difference gradient, one-sided at the bounds."""
-    n = z.size
-    up = np.minimum(z + _STEP, high)
-    down = np.maximum(z - _STEP, low)
-    points = np.tile(z, (2 * n + 1, 1))
-    points[np.arange(n), np.arange(n)] = up
-    points[n + np.arange(n), np.arange(n)] = down
-    values = np.maximum(posterior.log_prob(posterior.from_coordinates(points)), _FLOOR)
-    return float(values[-1]), (values[:n] - values[n : 2 * n]) / (up - down)
-
-
 def find_map(posterior: Posterior, *, n_starts: int = 16, seed: int) -> MapResult:
     """Maximise the posterior from many starts.
 
@@ -138,8 +126,9 @@ def climb(posterior: Posterior, start: Array, low: Array, high: Array) -> tuple[
 
     def objective(z: Array, grad: Array) -> float:
         if grad.size:
-            value, slope = gradient(posterior, z, low, high)
-            grad[:] = np.where(np.isfinite(slope), slope, 0.0)
+            values, slopes = posterior.gradient_coordinates(z[None, :])
+            value = float(values[0])
+            grad[:] = slopes[0]
         else:
             value = float(posterior.log_prob(posterior.from_coordinates(z[None, :]))[0])
         if np.isfinite(value) and value > best[1]:
@@ -205,16 +194,22 @@ def fit_least_squares(posterior: Posterior, starts: Array) -> tuple[Array, float
     low, high = coordinate_bounds(posterior)
     low, high = low[:4], high[:4]
 
+    keep = ~posterior.rows.censored
+
+    def at(z: Array) -> Array:
+        full = posterior.to_coordinates(starts[:1])
+        full[0, :4] = z
+        return posterior.from_coordinates(full)
+
     def residuals(z: Array) -> Array:
-        return _log_residuals(posterior, z[None, :], starts[0])[0]
+        log_f, _, _, _ = evaluate_gradient(posterior.geometry, at(z), posterior.digits)
+        return np.asarray(y - np.maximum(log_f[0, keep], LOG_TINY))
 
     def jacobian(z: Array) -> Array:
-        up, down = np.minimum(z + _STEP, high), np.maximum(z - _STEP, low)
-        points = np.tile(z, (8, 1))
-        points[np.arange(4), np.arange(4)] = up
-        points[4 + np.arange(4), np.arange(4)] = down
-        values = _log_residuals(posterior, points, starts[0])
-        return (values[:4] - values[4:]).T / (up - down)
+        x = at(z)
+        _, _, slopes, _ = evaluate_gradient(posterior.geometry, x, posterior.digits)
+        scale = np.where(posterior.is_log[:4], x[0, :4], 1.0)
+        return np.asarray(-slopes[0, keep] * scale)
 
     best_z, best_cost = posterior.to_coordinates(starts)[0, :4], np.inf
     for start in posterior.to_coordinates(starts)[:, :4]:
@@ -225,15 +220,4 @@ def fit_least_squares(posterior: Posterior, starts: Array) -> tuple[Array, float
         )  # fmt: skip
         if fit.cost < best_cost:
             best_z, best_cost = fit.x, fit.cost
-    x = starts[0].copy()
-    x[:4] = posterior.from_coordinates(np.concatenate([best_z, starts[0][4:]])[None, :])[0, :4]
-    return x, float(np.sqrt(2.0 * best_cost / y.size) / np.log(10.0))
-
-
-def _log_residuals(posterior: Posterior, z: Array, template: Array) -> Array:
-    """ln(measured/model) of the uncensored BRDF rows, shape (n_sets, n_rows)."""
-    full = np.tile(posterior.to_coordinates(template[None, :]), (len(z), 1))
-    full[:, :4] = z
-    brdf, _ = posterior.predict(posterior.from_coordinates(full))
-    keep = ~posterior.rows.censored
-    return posterior.rows.y[keep] - np.log(np.maximum(brdf[:, keep], 1e-280))
+    return at(best_z)[0], float(np.sqrt(2.0 * best_cost / y.size) / np.log(10.0))

@@ -40,7 +40,7 @@ class Mixture:
         normal = rng.standard_normal((size, self.centres.shape[1]))
         stretch = np.sqrt(_DOF / rng.chisquare(_DOF, size))[:, None]
         moved = np.einsum("cij,cj->ci", self.factors[component], normal)
-        return self.centres[component] + moved * stretch
+        return np.asarray(self.centres[component] + moved * stretch)
 
     def component_log_densities(self, z: Array) -> Array:
         """Natural log of weight times density of each component, shape (n_components, n_sets)."""
@@ -64,9 +64,7 @@ class Mixture:
         return Mixture(self.centres, factor * self.factors, self.weights)
 
 
-def fit_mixture(
-    z: Array, weights: Array, n_components: int, rng: np.random.Generator
-) -> Mixture:
+def fit_mixture(z: Array, weights: Array, n_components: int, rng: np.random.Generator) -> Mixture:
     """Fit t components to weighted points by expectation-maximisation.
 
     Parameters
@@ -111,7 +109,7 @@ def _em_step(mixture: Mixture, z: Array, weights: Array, overall: Array) -> Mixt
     n_par = z.shape[1]
     for centre, factor, row in zip(mixture.centres, mixture.factors, share, strict=True):
         total = row.sum()
-        if total < 1e-4:  # noqa: PLR2004
+        if total < 1e-4:
             continue
         distance = np.sum(np.linalg.solve(factor, (z - centre).T) ** 2, axis=0)
         precision = (_DOF + n_par) / (_DOF + distance)

@@ -88,7 +88,8 @@ def _known(specs: list[ParameterSpec], priors: Mapping[str, Any]) -> list[Parame
     names = [spec.name for spec in specs]
     for name in priors:
         if name not in names:
-            msg = f"priors.{name}: no such parameter here.{did_you_mean(name, names)} Inferred: {', '.join(names)}"
+            hint = did_you_mean(name, names)
+            msg = f"priors.{name}: no such parameter here.{hint} Inferred: {', '.join(names)}"
             raise ConfigError(msg)
     return specs
 

@@ -13,6 +13,7 @@ from pbrdf_bayes.errors import ConfigError, DataError
 from pbrdf_bayes.inference.likelihood import (
     RELATIVE_SCALE,
     Rows,
+    iid_gradient,
     iid_log_likelihood,
     prepare_rows,
 )
@@ -66,15 +67,15 @@ class Posterior:
         return len(self.specs)
 
     @cached_property
-    def _is_log(self) -> NDArray[np.bool_]:
+    def is_log(self) -> NDArray[np.bool_]:
+        """Which columns of z are logarithms, shape (n_par,)."""
         return np.array([spec.log_coordinate for spec in self.specs])
 
     def log_prior(self, x: ArrayLike) -> Array:
         """Natural log of the normalised prior density, shape (n_sets,)."""
         columns = self._checked(x).T
-        return np.sum(
-            [spec.prior.log_density(v) for spec, v in zip(self.specs, columns, strict=True)], axis=0
-        )
+        parts = [spec.prior.log_density(v) for spec, v in zip(self.specs, columns, strict=True)]
+        return np.asarray(np.sum(parts, axis=0))
 
     def log_likelihood(self, x: ArrayLike) -> Array:
         """Natural log of the likelihood, shape (n_sets,).
@@ -101,6 +102,25 @@ class Posterior:
         result[np.isnan(result)] = -np.inf
         return result
 
+    def log_prob_gradient(self, x: ArrayLike) -> tuple[Array, Array]:
+        """`log_prob` and its derivatives by ``x``, shapes (n_sets,) and (n_sets, n_par).
+
+        Analytic, from the same pass; zero slope where the density is zero.
+        """
+        x = self._checked(x)
+        values = self.log_prior(x)
+        slopes = np.stack(
+            [spec.prior.slope(v) for spec, v in zip(self.specs, x.T, strict=True)], axis=1
+        )
+        inside = np.isfinite(values)
+        likelihood, likelihood_slopes = iid_gradient(
+            self.geometry, self.rows, x[inside], self.digits
+        )
+        values[inside] += self.weight * likelihood
+        slopes[inside] += self.weight * likelihood_slopes
+        values[np.isnan(values)] = -np.inf
+        return values, np.where(np.isfinite(values)[:, None], slopes, 0.0)
+
     def sample_prior(self, rng: np.random.Generator, size: int) -> Array:
         """Independent draws of the prior, shape (size, n_par)."""
         return self.prior_quantile(rng.random((size, self.n_par)))
@@ -112,15 +132,22 @@ class Posterior:
 
     def to_coordinates(self, x: Array) -> Array:
         """Sampling coordinates z of parameters, same shape."""
-        return np.where(self._is_log, np.log(np.where(self._is_log, x, 1.0)), x)
+        return np.where(self.is_log, np.log(np.where(self.is_log, x, 1.0)), x)
 
     def from_coordinates(self, z: Array) -> Array:
         """Parameters at sampling coordinates z, same shape."""
-        return np.where(self._is_log, np.exp(np.where(self._is_log, np.minimum(z, 300.0), 0.0)), z)
+        return np.where(self.is_log, np.exp(np.where(self.is_log, np.minimum(z, 300.0), 0.0)), z)
 
     def log_prob_coordinates(self, z: Array) -> Array:
         """Log-density in the coordinates z, the Jacobian included, shape (n_sets,)."""
-        return self.log_prob(self.from_coordinates(z)) + z[:, self._is_log].sum(axis=1)
+        jacobian = z[:, self.is_log].sum(axis=1)
+        return np.asarray(self.log_prob(self.from_coordinates(z)) + jacobian)
+
+    def gradient_coordinates(self, z: Array) -> tuple[Array, Array]:
+        """`log_prob` of the parameters at z, and its derivatives by z (no Jacobian)."""
+        x = self.from_coordinates(z)
+        values, slopes = self.log_prob_gradient(x)
+        return values, np.where(self.is_log, slopes * x, slopes)
 
     def predict(self, x: ArrayLike, geometry: Geometry | None = None) -> tuple[Array, Array]:
         """Model BRDF [sr^-1] and DHR [1] of the rows, shapes (n_sets, n_brdf), (n_sets, n_dhr)."""
@@ -177,7 +204,9 @@ def build_posterior(measurement: Measurement, config: RunConfig) -> Posterior:
     )
     rows = prepare_rows(
         measurement,
-        noise_columns={q: columns[f"s_rel_{q}"] for q in ("s", "p", "u") if f"s_rel_{q}" in columns},
+        noise_columns={
+            q: columns[f"s_rel_{q}"] for q in ("s", "p", "u") if f"s_rel_{q}" in columns
+        },
         dhr_noise_column=columns.get("u_dhr", -1),
         floor=config.brdf_floor,
         u_cal=RELATIVE_SCALE if config.brdf_scale == "relative" else config.u_brdf_cal,

@@ -74,7 +74,9 @@ class Prior:
     def log_density(self, values: Array) -> Array:
         """Natural log of the normalised density; -inf outside the support."""
         inside = (values >= self.low) & (values <= self.high)
-        safe = np.where(inside, values, 0.5 * (self.low + self.high) if isfinite(self.high) else 1.0)
+        safe = np.where(
+            inside, values, 0.5 * (self.low + self.high) if isfinite(self.high) else 1.0
+        )
         v = np.log(safe) if self.is_log else safe
         density = np.full(values.shape, self._log_norm)
         if self._is_normal:
@@ -82,6 +84,14 @@ class Prior:
         if self.is_log:
             density -= v
         return np.where(inside, density, -np.inf)
+
+    def slope(self, values: Array) -> Array:
+        """Derivative of the log-density by the value; 0 outside the support."""
+        inside = (values >= self.low) & (values <= self.high) & ((values > 0.0) | (not self.is_log))
+        safe = np.where(inside, values, 1.0)
+        v = np.log(safe) if self.is_log else safe
+        by_v = -(v - self.mean) / self.sd**2 if self._is_normal else np.zeros(values.shape)
+        return np.where(inside, (by_v - 1.0) / safe if self.is_log else by_v, 0.0)
 
     def quantile(self, probability: Array) -> Array:
         """Value at a cumulative probability."""
@@ -174,11 +184,13 @@ def prior_from_table(name: str, table: Mapping[str, Any], default: Prior) -> Pri
     """
     for key in table:
         if key not in _KEYS:
-            msg = f"priors.{name}: unknown key {key!r}.{did_you_mean(key, _KEYS)} Known: {', '.join(_KEYS)}"
+            hint = did_you_mean(key, _KEYS)
+            msg = f"priors.{name}: unknown key {key!r}.{hint} Known: {', '.join(_KEYS)}"
             raise ConfigError(msg)
     kind = table.get("kind", default.kind)
     if kind not in _KINDS:
-        msg = f"priors.{name}.kind = {kind!r} is not known.{did_you_mean(str(kind), _KINDS)} Allowed: {', '.join(_KINDS)}"
+        hint = did_you_mean(str(kind), _KINDS)
+        msg = f"priors.{name}.kind = {kind!r} is not known.{hint} Allowed: {', '.join(_KINDS)}"
         raise ConfigError(msg)
     low = _number(name, table, "low", default.low, default.low, default.high)
     high = _number(name, table, "high", default.high, default.low, default.high)
@@ -197,7 +209,7 @@ def prior_from_table(name: str, table: Mapping[str, Any], default: Prior) -> Pri
     mean = 0.0 if kind == "halfnormal" else _number(name, table, "mean", None, -1e6, 1e6)
     sd = _number(name, table, "sd", None, _SPARE, 1e6)
     prior = Prior(kind=_SHORTHAND.get(kind, kind), mean=mean, sd=sd, low=low, high=high)
-    a, b = prior._cdf_limits  # noqa: SLF001
+    a, b = prior._cdf_limits
     if b - a < _SPARE:
         msg = f"priors.{name}: Normal({mean:g}, {sd:g}) has no mass on [{low:g}, {high:g}]"
         raise ConfigError(msg)
@@ -213,6 +225,8 @@ def _number(
         raise ConfigError(msg)
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
     if not number or not low <= value <= high:
-        msg = f"priors.{name}.{key} = {value!r} is not allowed: give a number in [{low:g}, {high:g}]"
+        msg = (
+            f"priors.{name}.{key} = {value!r} is not allowed: give a number in [{low:g}, {high:g}]"
+        )
         raise ConfigError(msg)
     return float(value)

@@ -13,6 +13,7 @@ Array = NDArray[np.float64]
 
 _INDEPENDENT = 0.1
 
+
 @dataclass(frozen=True, eq=False)
 class Residuals:
     """log10(measured/model) at one parameter set.
@@ -63,7 +64,7 @@ def white_noise_dex(posterior: Posterior) -> float:
     levels = []
     for scan in posterior.measurement.scans:
         y = posterior.rows.y[scan.rows][~posterior.rows.censored[scan.rows]]
-        if y.size >= 5:  # noqa: PLR2004
+        if y.size >= 5:
             levels.append(np.sqrt(np.mean(np.diff(y, 2) ** 2) / 6.0))
     return float(np.median(levels) / np.log(10.0)) if levels else float("nan")
 

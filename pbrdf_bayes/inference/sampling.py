@@ -152,23 +152,24 @@ def _from_importance(posterior: Posterior, quick: ImportanceDraws) -> Draws:
     )  # fmt: skip
 
 
-class IndependenceMove(emcee.moves.MHMove):
+def independence_move(mixture: Mixture) -> object:
     """Metropolis-Hastings with proposals from a fixed mixture, whatever the walkers do."""
 
-    def __init__(self, mixture: Mixture) -> None:
-        def propose(z: Array, random: np.random.RandomState) -> tuple[Array, Array]:
-            rng = np.random.default_rng(random.randint(0, 2**31 - 1, size=4))
-            new = mixture.sample(rng, len(z))
-            return new, mixture.log_density(z) - mixture.log_density(new)
+    def propose(z: Array, random: np.random.RandomState) -> tuple[Array, Array]:
+        rng = np.random.default_rng(random.randint(0, 2**31 - 1, size=4))
+        new = mixture.sample(rng, len(z))
+        return new, mixture.log_density(z) - mixture.log_density(new)
 
-        super().__init__(propose)
+    return emcee.moves.MHMove(propose)
 
 
-def choose_moves(mixture: Mixture, quick: ImportanceDraws) -> tuple[list[tuple[object, float]], str]:
+def choose_moves(
+    mixture: Mixture, quick: ImportanceDraws
+) -> tuple[list[tuple[object, float]], str]:
     """Moves and their shares: the adapted mixture as proposal where it covers the posterior."""
     if quick.k_hat < _INDEPENDENCE_K_HAT and quick.ess > _INDEPENDENCE_ESS * quick.n_evaluations:
         return (
-            [(IndependenceMove(mixture), 0.7), (emcee.moves.DEMove(), 0.3)],
+            [(independence_move(mixture), 0.7), (emcee.moves.DEMove(), 0.3)],
             "0.70 independence from an adapted t mixture, 0.30 differential evolution",
         )
     return (
@@ -192,7 +193,7 @@ class _Ensemble:
             len(start), start.shape[1], posterior.log_prob_coordinates, moves=moves, vectorize=True
         )
         # emcee ignores an integer here without a word; only a full state seeds it
-        self.sampler.random_state = np.random.RandomState(seed).get_state()  # noqa: NPY002
+        self.sampler.random_state = np.random.RandomState(seed).get_state()
 
     def advance(self, n_steps: int) -> None:
         self.state = self.sampler.run_mcmc(self.state, n_steps, skip_initial_state_check=True)
@@ -213,15 +214,15 @@ def _run_ensembles(
     passed = 0
     n_steps = 0
     with ThreadPoolExecutor(config.threads) as pool:
-        while passed < 2 and n_steps < config.max_steps:  # noqa: PLR2004
+        while passed < 2 and n_steps < config.max_steps:
             round_steps = min(max(_CHECK_EVERY, n_steps // 8), config.max_steps - n_steps)
-            list(pool.map(lambda e: e.advance(round_steps), ensembles))
+            list(pool.map(_Ensemble.advance, ensembles, [round_steps] * len(ensembles)))
             n_steps += round_steps
             draws = _summarise(posterior, ensembles, quick.k_hat, words)
             passed = passed + 1 if _converged(draws, config) else 0
             if progress is not None:
                 progress(_progress(draws, config, time.perf_counter() - started))
-    return _thin(draws, converged=passed >= 2)  # noqa: PLR2004
+    return _thin(draws, converged=passed >= 2)
 
 
 def start_walkers(posterior: Posterior, mixture: Mixture, n_walkers: int, seed: int) -> Array:
@@ -243,9 +244,7 @@ def start_walkers(posterior: Posterior, mixture: Mixture, n_walkers: int, seed: 
     return np.concatenate([kept, posterior.to_coordinates(posterior.prior_quantile(fill))])
 
 
-def _summarise(
-    posterior: Posterior, ensembles: list[_Ensemble], k_hat: float, moves: str
-) -> Draws:
+def _summarise(posterior: Posterior, ensembles: list[_Ensemble], k_hat: float, moves: str) -> Draws:
     """Diagnostics of all steps after burn-in."""
     chains = np.concatenate([e.sampler.get_chain().swapaxes(0, 1) for e in ensembles])
     log_prob = np.concatenate([e.sampler.get_log_prob().T for e in ensembles])
@@ -298,9 +297,7 @@ def _progress(draws: Draws, config: RunConfig, seconds: float) -> Progress:
         AUTOCORRELATION_TIMES * draws.autocorrelation_time,
     )
     left = max(steps_wanted - kept, 0.0) / draws.n_steps * seconds
-    return Progress(
-        draws.n_steps, ess, config.ess_target, float(draws.rhat.max()), seconds, left
-    )
+    return Progress(draws.n_steps, ess, config.ess_target, float(draws.rhat.max()), seconds, left)
 
 
 def _thin(draws: Draws, *, converged: bool) -> Draws:

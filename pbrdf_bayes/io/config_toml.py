@@ -51,7 +51,7 @@ def config_from_table(table: Mapping[str, Any]) -> RunConfig:
     ------
     ConfigError
     """
-    values = {k: tuple(v) if isinstance(v, list) else v for k, v in table.items()}
+    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in table.items()}
     defaults = RunConfig()
     for key, value in values.items():
         _check_type(key, value, getattr(defaults, key))

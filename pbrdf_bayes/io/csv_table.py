@@ -95,7 +95,7 @@ def open_table(path: str | Path, data: bytes, problems: Problems) -> Table:
 
 
 def is_plain(data: bytes, width: int) -> bool:
-    """Tell whether a file is the plainest kind: rows of ``width`` cells, one a line, no quotes.
+    """Tell whether a file is of the plainest kind: rows of ``width`` cells, one a line, no quotes.
 
     Words that pandas would read as a number do not occur in it either.
     """
@@ -108,7 +108,7 @@ def is_plain(data: bytes, width: int) -> bool:
     if not data.endswith(b"\n"):
         ends = np.append(ends, content.size)
     commas = np.flatnonzero(content == ord(","))
-    if commas.size != ends.size * (width - 1):
+    if ends.size < 2 or commas.size != ends.size * (width - 1):
         return False
     by_line = commas.reshape(ends.size, width - 1)
     return bool(np.all(by_line[:, -1] < ends) and np.all(by_line[1:, 0] > ends[:-1]))

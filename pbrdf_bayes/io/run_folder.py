@@ -85,7 +85,9 @@ def locked(folder: Path) -> Iterator[None]:
         raise RunFolderError(msg) from None
     try:
         if not _try_lock(handle):
-            msg = f"{folder}: another process is writing this run. Wait for it, or use another --out"
+            msg = (
+                f"{folder}: another process is writing this run. Wait for it, or use another --out"
+            )
             raise RunFolderError(msg)
         yield
     finally:
@@ -192,7 +194,7 @@ def load_summary(folder: Path) -> dict[str, Any]:
         msg = f"{folder}: not a finished run (no {SUMMARY}). Give the folder that 'fit' printed"
         raise RunFolderError(msg)
     try:
-        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+        summary: dict[str, Any] = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         msg = f"{folder / SUMMARY}: damaged ({error})"
         raise RunFolderError(msg) from None

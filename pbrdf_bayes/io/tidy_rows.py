@@ -88,13 +88,16 @@ def rows_from_plain(
         return None
     place = {name: header.index(name) for name in WORD_COLUMNS + NUMBER_COLUMNS if name in header}
     try:
+        if not data.isascii():
+            data.decode()  # pandas does not look at the columns it leaves out
         table = pd.read_csv(
             io.BytesIO(data),
             header=None,
             skiprows=1,
             names=range(len(header)),
             usecols=sorted(place.values()),
-            dtype={i: "category" if n in WORD_COLUMNS else "float64" for n, i in place.items()},
+            # Not "category": it turns words such as 01 into numbers.
+            dtype={i: object if n in WORD_COLUMNS else np.float64 for n, i in place.items()},
             keep_default_na=False,
             na_values=[""],
             skipinitialspace=True,
@@ -108,8 +111,8 @@ def rows_from_plain(
     numbers = {name: np.full(n_rows, nan) for name in NUMBER_COLUMNS}
     for name, index in place.items():
         if name in WORD_COLUMNS:
-            words = table[index].cat
-            codes[name] = codebooks[name].encode([*words.categories, ""])[words.codes]
+            cell, cells = pd.factorize(table[index])
+            codes[name] = codebooks[name].encode([*cells, ""])[cell]
         else:
             numbers[name] = table[index].to_numpy()
     return _assemble(np.arange(2, n_rows + 2), codes, numbers, codebooks)

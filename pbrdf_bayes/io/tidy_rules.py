@@ -191,8 +191,10 @@ def find_breaches(
 def is_clean(rows: Rows, words: Mapping[str, Sequence[str]], rules: Iterable[NumberRule]) -> bool:
     """Tell whether rows in which NaN always means an empty cell break no rule."""
     for breach in find_breaches(rows, words, rules):
-        excused = np.isnan(getattr(rows, breach.column)) if breach.not_stated else False
-        if np.any(breach.wrong & ~excused):
+        wrong = breach.wrong
+        if breach.not_stated:
+            wrong = wrong & ~np.isnan(getattr(rows, breach.column))
+        if np.any(wrong):
             return False
     return True
 

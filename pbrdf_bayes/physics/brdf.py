@@ -11,33 +11,49 @@ f(a -> b) differs from f(b -> a): see `pbrdf_bayes.model.reciprocity_ratio`.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.directions import prepare_directions
-from pbrdf_bayes.physics.fresnel import Surface, lobes, reflectances, surface
+from pbrdf_bayes.physics.elementary import log
+from pbrdf_bayes.physics.fresnel import (
+    LobeSlopes,
+    Surface,
+    lobe_slopes,
+    reflectance_slopes,
+    reflectances,
+    surface,
+)
 from pbrdf_bayes.physics.normalisation import (
+    SLOPES,
+    VALUES,
     Incidence,
     Workspace,
     expand_cumulative,
     expansion_order,
-    integrate_lobes,
-    place_nodes,
+    fill_lobes,
+    fill_slopes,
+    integral_slopes,
+    integrals,
     workspace,
 )
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+TINY = 1e-280
+LOG_TINY = -640.0
+
 
 class Geometry(NamedTuple):
     """Where the BRDF and the DHR are wanted; everything that the parameters do not enter.
 
     Distinct directions are grouped by angle of incidence (``start`` delimits the groups) and serve
-    s and p alike; a row of the data points at its direction and mixes s and p by its weights.
+    s and p alike; a row of the data points at its direction.
     """
 
     incidences: Array
@@ -47,20 +63,20 @@ class Geometry(NamedTuple):
     """(8, n_directions): the fields of `Directions`."""
     in_plane: NDArray[np.bool_]
     """Per angle of incidence: all its directions have beta = 0."""
+    wanted: NDArray[np.bool_]
+    """(n_incidence, 3): some row asks for s, p, u there."""
     row_direction: Index
-    row_weight_s: Array
-    row_weight_p: Array
+    row_polarization: Index
+    """0, 1, 2 for s, p, u."""
+    row_incidence: Index
     dhr_sine: Array
     dhr_cosine: Array
-    dhr_weight_s: Array
-    dhr_weight_p: Array
+    dhr_polarization: Index
 
 
-def weights_of(polarization: NDArray[np.str_]) -> tuple[Array, Array]:
-    """Weights of the s and the p value for polarisations s, p and u (their mean, Eq. 6)."""
-    table = {"s": (1.0, 0.0), "p": (0.0, 1.0), "u": (0.5, 0.5)}
-    pairs = np.array([table[p] for p in polarization.tolist()], dtype=np.float64).reshape(-1, 2)
-    return np.ascontiguousarray(pairs[:, 0]), np.ascontiguousarray(pairs[:, 1])
+def polarization_codes(polarization: NDArray[np.str_]) -> Index:
+    """0, 1, 2 for s, p, u."""
+    return np.array(["spu".index(p) for p in polarization.tolist()], dtype=np.int64)
 
 
 def prepare_geometry(
@@ -94,102 +110,247 @@ def prepare_geometry(
     directions = prepare_directions(*distinct.T)
     start = np.append(first, len(distinct)).astype(np.int64)
     flat = directions.beta_offset == 0.0
-    weight_s, weight_p = weights_of(polarization)
-    dhr_s, dhr_p = weights_of(dhr_polarization)
+    codes = polarization_codes(polarization)
+    row_incidence = np.searchsorted(angles, theta_i)
+    wanted = np.zeros((len(angles), 3), dtype=bool)
+    wanted[row_incidence, codes] = True
     return Geometry(
-        incidences=np.stack(
-            [np.sin(angles), np.cos(angles), angles, 0.5 * np.pi - angles], axis=1
-        ),
+        incidences=np.stack([np.sin(angles), np.cos(angles), angles, 0.5 * np.pi - angles], axis=1),
         start=start,
         directions=np.stack(directions),
-        in_plane=np.array([flat[a:b].all() for a, b in zip(start[:-1], start[1:], strict=True)]),
+        in_plane=np.array([flat[a:b].all() for a, b in pairwise(start)]),
+        wanted=wanted,
         row_direction=row_direction.ravel().astype(np.int64),
-        row_weight_s=weight_s,
-        row_weight_p=weight_p,
+        row_polarization=codes,
+        row_incidence=row_incidence.astype(np.int64),
         dhr_sine=np.sin(dhr_theta_i),
         dhr_cosine=np.cos(dhr_theta_i),
-        dhr_weight_s=dhr_s,
-        dhr_weight_p=dhr_p,
+        dhr_polarization=polarization_codes(dhr_polarization),
     )
 
 
-@njit(cache=True, error_model="numpy")
-def _scale(inc: Incidence, surf: Surface, digits: float, m: int, ws: Workspace) -> tuple[float, float]:
-    """DHR_q / I_q for s and p."""
-    norm_s, norm_p = integrate_lobes(place_nodes(inc, surf, digits, ws), m, ws)
-    f_s, f_p = reflectances(inc.sine, inc.cosine, surf)
-    return surf.sigma_n0 * f_s / norm_s, surf.sigma_n0 * f_p / norm_p
+class Buffers(NamedTuple):
+    """Results of one parameter set at the distinct directions, allocated once for many.
+
+    ``log_f`` (3, n_directions) holds ln f of s, p and u where some row asks
+    for it. With slopes, the rows of ``lobes`` from the third on are d ln f_q/d (Re m^2, -Im m^2,
+    width) of the lobes alone, ``scale_slopes`` (n_incidence, 2, 3) that of the scales of s and p,
+    and ``share_s`` (n_directions) is the share of s in the mean of s and p.
+    """
+
+    lobes: Array
+    across: Array
+    log_f: Array
+    share_s: Array
+    scale_slopes: Array
+    norm_slopes: Array
 
 
-@njit(cache=True, error_model="numpy")
-def _fill_in_plane(
-    directions: Array, a: int, b: int, scale_s: float, scale_p: float, surf: Surface, out: Array
-) -> None:
-    """f_s and f_p at the directions a..b, whose beta is 0; the scales include B(0)."""
+@compiled()
+def buffers(n_directions: int, n_incidence: int, n_series: int) -> Buffers:
+    """Allocate the buffers; those for slopes are empty where none are asked for."""
+    some = n_directions if n_series == SLOPES else 0
+    return Buffers(
+        np.empty((n_series, n_directions)),
+        np.empty((n_series, n_directions)),
+        np.empty((3, n_directions)),
+        np.empty(some),
+        np.empty((n_incidence, 2, 3)),
+        np.empty(6),
+    )
+
+
+@compiled()
+def _log_scaled(a: int, b: int, scale: float, lobe: Array, out: Array) -> None:
     for i in range(a, b):
-        lobe_s, lobe_p = lobes(
-            directions[0, i], directions[1, i], directions[2, i], directions[3, i], surf
-        )
-        out[0, i] = scale_s * lobe_s
-        out[1, i] = scale_p * lobe_p
+        out[i] = log(max(scale * lobe[i], TINY))
 
 
-@njit(cache=True, error_model="numpy")
-def _fill_any(
-    directions: Array, a: int, b: int, scale_s: float, scale_p: float, surf: Surface, out: Array
-) -> None:
-    """f_s and f_p at the directions a..b, in or out of plane."""
+@compiled()
+def _log_mean(a: int, b: int, scale_s: float, scale_p: float, lobe: Array, out: Array) -> None:
     for i in range(a, b):
-        lobe_s, lobe_p = lobes(
-            directions[0, i], directions[1, i], directions[2, i], directions[3, i], surf
-        )
-        across_s, across_p = lobes(
-            directions[4, i], directions[5, i], directions[6, i], directions[7, i], surf
-        )
-        out[0, i] = scale_s * lobe_s * across_p
-        out[1, i] = scale_p * lobe_p * across_s
+        out[i] = log(max(0.5 * (scale_s * lobe[0, i] + scale_p * lobe[1, i]), TINY))
 
 
-@njit(cache=True, error_model="numpy")
-def brdf_s_p(geometry: Geometry, surf: Surface, digits: float, ws: Workspace, out: Array) -> None:
-    """f_s and f_p [sr^-1] at every distinct direction, into ``out`` (2, n_directions)."""
+@compiled()
+def _multiply_across(n_series: int, a: int, b: int, lobe: Array, across: Array) -> None:
+    """Out of plane: A_s B_p and A_p B_s, and the sums of their logarithmic slopes."""
+    for i in range(a, b):
+        lobe[0, i] *= across[1, i]
+        lobe[1, i] *= across[0, i]
+    for j in range(2, n_series):
+        other = j + 3 if j < 5 else j - 3
+        for i in range(a, b):
+            lobe[j, i] += across[other, i]
+
+
+@compiled()
+def log_brdf(
+    geometry: Geometry, surf: Surface, digits: float, n_series: int, ws: Workspace, out: Buffers
+) -> None:
+    """Ln f_q at every distinct direction, with slopes where ``n_series`` is SLOPES."""
     n_incidence = geometry.incidences.shape[0]
     if n_incidence == 0:
         return
     m = expansion_order(np.arcsinh(0.5 * np.pi / surf.rho0), digits)
-    expand_cumulative(surf, m, ws)
-    peak_s, peak_p = lobes(0.0, 1.0, 0.0, 1.0, surf)
+    expand_cumulative(surf, m, n_series, ws)
+    peak = lobe_slopes(0.0, 1.0, 0.0, 1.0, surf)
     for j in range(n_incidence):
         row = geometry.incidences[j]
-        scale_s, scale_p = _scale(
-            Incidence(row[0], row[1], row[2], row[3]), surf, digits, m, ws
-        )
+        inc = Incidence(row[0], row[1], row[2], row[3])
+        norm_s, norm_p, n_nodes = integrals(inc, surf, digits, m, n_series, ws)
+        f_s, f_p = reflectances(inc.sine, inc.cosine, surf)
+        scale_s = surf.sigma_n0 * f_s / norm_s
+        scale_p = surf.sigma_n0 * f_p / norm_p
         a, b = geometry.start[j], geometry.start[j + 1]
-        if geometry.in_plane[j]:
-            _fill_in_plane(
-                geometry.directions, a, b, scale_s * peak_p, scale_p * peak_s, surf, out
+        if n_series == SLOPES:
+            fill_slopes(geometry.directions, 0, a, b, surf, out.lobes)
+            _scale_slopes(
+                inc, surf, n_nodes, norm_s, norm_p, ws, out.norm_slopes, out.scale_slopes[j]
             )
         else:
-            _fill_any(geometry.directions, a, b, scale_s, scale_p, surf, out)
+            fill_lobes(geometry.directions, 0, a, b, surf, out.lobes)
+        if geometry.in_plane[j]:
+            scale_s *= peak.p
+            scale_p *= peak.s
+            if n_series == SLOPES:
+                _add_peak(peak, out.scale_slopes[j])
+        else:
+            if n_series == SLOPES:
+                fill_slopes(geometry.directions, 4, a, b, surf, out.across)
+            else:
+                fill_lobes(geometry.directions, 4, a, b, surf, out.across)
+            _multiply_across(n_series, a, b, out.lobes, out.across)
+        if geometry.wanted[j, 0]:
+            _log_scaled(a, b, scale_s, out.lobes[0], out.log_f[0])
+        if geometry.wanted[j, 1]:
+            _log_scaled(a, b, scale_p, out.lobes[1], out.log_f[1])
+        if geometry.wanted[j, 2]:
+            _log_mean(a, b, scale_s, scale_p, out.lobes, out.log_f[2])
+        if n_series == SLOPES:
+            for i in range(a, b):
+                part_s = scale_s * out.lobes[0, i]
+                out.share_s[i] = part_s / max(part_s + scale_p * out.lobes[1, i], TINY)
 
 
-@njit(cache=True, error_model="numpy")
-def mix_rows(geometry: Geometry, s_p: Array, out: Array) -> None:
-    """BRDF of each row from f_s and f_p of its direction, into ``out`` (n_brdf,)."""
-    for i in range(out.size):
-        j = geometry.row_direction[i]
-        out[i] = geometry.row_weight_s[i] * s_p[0, j] + geometry.row_weight_p[i] * s_p[1, j]
+@compiled()
+def _scale_slopes(
+    inc: Incidence, surf: Surface, n_nodes: int, norm_s: float, norm_p: float, ws: Workspace,
+    work: Array, out: Array,
+) -> None:  # fmt: skip
+    """Slopes of ln(F_q(theta_i) / I_q), into ``out`` (2, 3)."""
+    integral_slopes(n_nodes, ws, work)
+    s_re, s_im, p_re, p_im = reflectance_slopes(inc.sine, inc.cosine, surf)
+    out[0, 0] = s_re - work[0] / norm_s
+    out[0, 1] = s_im - work[1] / norm_s
+    out[0, 2] = -work[2] / norm_s
+    out[1, 0] = p_re - work[3] / norm_p
+    out[1, 1] = p_im - work[4] / norm_p
+    out[1, 2] = -work[5] / norm_p
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
+def _add_peak(peak: LobeSlopes, out: Array) -> None:
+    """In plane f_s has the factor B_p(0), f_p has B_s(0)."""
+    out[0, 0] += peak.p_re
+    out[0, 1] += peak.p_im
+    out[0, 2] += peak.p_width
+    out[1, 0] += peak.s_re
+    out[1, 1] += peak.s_im
+    out[1, 2] += peak.s_width
+
+
+@compiled()
+def to_parameters(re: float, im: float, width: float, surf: Surface, out: Array) -> None:
+    """Chain rule from (Re m^2, -Im m^2, width) to (n, k, sigma_n0, rho0); sigma_n0 is left alone.
+
+    width = 4 rho0 / T0, T0 = 4 n / ((1 + n)^2 + k^2).
+    """
+    n, k = surf.n, surf.k
+    width_n = surf.rho0 * (1.0 - (1.0 + k * k) / (n * n))
+    width_k = 2.0 * surf.rho0 * k / n
+    out[0] = 2.0 * (n * re + k * im) + width_n * width
+    out[1] = 2.0 * (n * im - k * re) + width_k * width
+    out[3] = width * surf.width / surf.rho0
+
+
+@compiled()
+def row_slopes(geometry: Geometry, found: Buffers, i: int) -> tuple[float, float, float]:
+    """Slopes of ln f of row ``i`` by (Re m^2, -Im m^2, width)."""
+    j, inc, q = geometry.row_direction[i], geometry.row_incidence[i], geometry.row_polarization[i]
+    share = 1.0 if q == 0 else 0.0 if q == 1 else found.share_s[j]
+    lobes_, scale = found.lobes, found.scale_slopes[inc]
+    other = 1.0 - share
+    return (
+        share * (lobes_[2, j] + scale[0, 0]) + other * (lobes_[5, j] + scale[1, 0]),
+        share * (lobes_[3, j] + scale[0, 1]) + other * (lobes_[6, j] + scale[1, 1]),
+        share * (lobes_[4, j] + scale[0, 2]) + other * (lobes_[7, j] + scale[1, 2]),
+    )
+
+
+@compiled(reassociate=True)
+def _gathered_dot(weights: Array, values: Array, index: Index) -> float:
+    total = 0.0
+    for i in range(weights.size):
+        total += weights[i] * values[index[i]]
+    return total
+
+
+@compiled()
+def add_scan_slopes(
+    geometry: Geometry, found: Buffers, a: int, b: int, weights: Array, sums: Array
+) -> float:
+    """Add sum of weight times slope of ln f over the rows a..b of one scan to ``sums`` (3,).
+
+    Returns the sum of the weights, the slope by ln(sigma_n0).
+    """
+    q, inc = geometry.row_polarization[a], geometry.row_incidence[a]
+    total = 0.0
+    if q == 2:
+        for i in range(a, b):
+            re, im, width = row_slopes(geometry, found, i)
+            sums[0] += weights[i] * re
+            sums[1] += weights[i] * im
+            sums[2] += weights[i] * width
+            total += weights[i]
+        return total
+    for i in range(a, b):
+        total += weights[i]
+    index = geometry.row_direction[a:b]
+    for j in range(3):
+        sums[j] += total * found.scale_slopes[inc, q, j]
+        sums[j] += _gathered_dot(weights[a:b], found.lobes[2 + 3 * q + j], index)
+    return total
+
+
+@compiled()
+def _mix(q: int, s: float, p: float) -> float:
+    return s if q == 0 else p if q == 1 else 0.5 * (s + p)
+
+
+@compiled()
 def fill_dhr(geometry: Geometry, surf: Surface, out: Array) -> None:
     """DHR of each row, into ``out`` (n_dhr,)."""
     for i in range(out.size):
         f_s, f_p = reflectances(geometry.dhr_sine[i], geometry.dhr_cosine[i], surf)
-        out[i] = surf.sigma_n0 * (geometry.dhr_weight_s[i] * f_s + geometry.dhr_weight_p[i] * f_p)
+        out[i] = surf.sigma_n0 * _mix(geometry.dhr_polarization[i], f_s, f_p)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled()
+def dhr_gradient(geometry: Geometry, surf: Surface, i: int, out: Array) -> None:
+    """D DHR / d (n, k, sigma_n0, rho0) of row ``i``, into ``out`` (4,)."""
+    q = geometry.dhr_polarization[i]
+    sine, cosine = geometry.dhr_sine[i], geometry.dhr_cosine[i]
+    f_s, f_p = reflectances(sine, cosine, surf)
+    s_re, s_im, p_re, p_im = reflectance_slopes(sine, cosine, surf)
+    re = _mix(q, f_s * s_re, f_p * p_re)
+    im = _mix(q, f_s * s_im, f_p * p_im)
+    to_parameters(surf.sigma_n0 * re, surf.sigma_n0 * im, 0.0, surf, out)
+    out[2] = _mix(q, f_s, f_p)
+    out[3] = 0.0
+
+
+@compiled(nogil=True)
 def evaluate(geometry: Geometry, parameters: Array, digits: float) -> tuple[Array, Array]:
     """BRDF and DHR of every row for every parameter set.
 
@@ -209,11 +370,53 @@ def evaluate(geometry: Geometry, parameters: Array, digits: float) -> tuple[Arra
     n_sets = parameters.shape[0]
     brdf = np.empty((n_sets, geometry.row_direction.size))
     dhr = np.empty((n_sets, geometry.dhr_sine.size))
-    s_p = np.empty((2, geometry.directions.shape[1]))
+    found = buffers(geometry.directions.shape[1], geometry.incidences.shape[0], VALUES)
     ws = workspace()
     for i in range(n_sets):
         surf = surface(parameters[i, 0], parameters[i, 1], parameters[i, 2], parameters[i, 3])
-        brdf_s_p(geometry, surf, digits, ws, s_p)
-        mix_rows(geometry, s_p, brdf[i])
+        log_brdf(geometry, surf, digits, VALUES, ws, found)
+        for j in range(brdf.shape[1]):
+            log_f = found.log_f[geometry.row_polarization[j], geometry.row_direction[j]]
+            brdf[i, j] = np.exp(log_f) if log_f > LOG_TINY else 0.0
         fill_dhr(geometry, surf, dhr[i])
     return brdf, dhr
+
+
+@compiled(nogil=True)
+def evaluate_gradient(
+    geometry: Geometry, parameters: Array, digits: float
+) -> tuple[Array, Array, Array, Array]:
+    """Logarithm of the BRDF, the DHR, and their derivatives by (n, k, sigma_n0, rho0).
+
+    Parameters
+    ----------
+    geometry : Geometry
+    parameters : ndarray, shape (n_sets, >= 4)
+    digits : float
+
+    Returns
+    -------
+    tuple of ndarray
+        ln BRDF (n_sets, n_brdf), DHR (n_sets, n_dhr), d ln BRDF (n_sets, n_brdf, 4),
+        d DHR (n_sets, n_dhr, 4).
+    """
+    n_sets = parameters.shape[0]
+    n_brdf, n_dhr = geometry.row_direction.size, geometry.dhr_sine.size
+    log_f = np.empty((n_sets, n_brdf))
+    dhr = np.empty((n_sets, n_dhr))
+    log_f_slopes = np.empty((n_sets, n_brdf, 4))
+    dhr_slopes = np.empty((n_sets, n_dhr, 4))
+    found = buffers(geometry.directions.shape[1], geometry.incidences.shape[0], SLOPES)
+    ws = workspace()
+    for i in range(n_sets):
+        surf = surface(parameters[i, 0], parameters[i, 1], parameters[i, 2], parameters[i, 3])
+        log_brdf(geometry, surf, digits, SLOPES, ws, found)
+        for j in range(n_brdf):
+            log_f[i, j] = found.log_f[geometry.row_polarization[j], geometry.row_direction[j]]
+            re, im, width = row_slopes(geometry, found, j)
+            to_parameters(re, im, width, surf, log_f_slopes[i, j])
+            log_f_slopes[i, j, 2] = 1.0 / surf.sigma_n0
+        fill_dhr(geometry, surf, dhr[i])
+        for j in range(n_dhr):
+            dhr_gradient(geometry, surf, j, dhr_slopes[i, j])
+    return log_f, dhr, log_f_slopes, dhr_slopes

@@ -1,4 +1,4 @@
-"""Directions as the model needs them: mean sines, their cosines and differences, without cancellation."""
+"""Directions as the model needs them: mean sines, cosines, differences, without cancellation."""
 
 from __future__ import annotations
 
@@ -72,4 +72,4 @@ def _one_minus_sine(theta: Array) -> Array:
 
 
 def _root(a: Array, b: Array) -> Array:
-    return np.sqrt(np.maximum(a, 0.0) * np.maximum(b, 0.0))
+    return np.asarray(np.sqrt(np.maximum(a, 0.0) * np.maximum(b, 0.0)))

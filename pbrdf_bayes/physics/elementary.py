@@ -10,8 +10,10 @@ from __future__ import annotations
 from typing import Any
 
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
+
+from pbrdf_bayes.physics.compiled import compiled
 
 _LN2_HIGH = 6.93147180369123816490e-01
 _LN2_LOW = 1.90821492927058770002e-10
@@ -26,7 +28,7 @@ _L5, _L6, _L7 = 1.818357216161805012e-01, 1.531383769920937332e-01, 1.4798198605
 _SQRT_HALF_BITS = 0x3FE6A09E00000000
 
 
-@intrinsic
+@intrinsic  # type: ignore[untyped-decorator]
 def _bits(typingctx: Any, x: Any) -> Any:  # noqa: ARG001
     """The bits of a float64 as an int64."""
 
@@ -36,7 +38,7 @@ def _bits(typingctx: Any, x: Any) -> Any:  # noqa: ARG001
     return types.int64(types.float64), codegen
 
 
-@intrinsic
+@intrinsic  # type: ignore[untyped-decorator]
 def _float(typingctx: Any, x: Any) -> Any:  # noqa: ARG001
     """The float64 that has these bits."""
 
@@ -46,7 +48,7 @@ def _float(typingctx: Any, x: Any) -> Any:  # noqa: ARG001
     return types.float64(types.int64), codegen
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 def log(x: float) -> float:
     """Natural logarithm of a positive normal number; anything else gives a meaningless number."""
     shifted = _bits(x) - _SQRT_HALF_BITS
@@ -58,7 +60,8 @@ def log(x: float) -> float:
     series = z * (_L1 + z * (_L2 + z * (_L3 + z * (_L4 + z * (_L5 + z * (_L6 + z * _L7))))))
     half = 0.5 * f * f
     e = float(exponent)
-    return e * _LN2_HIGH - ((half - (s * (half + series) + e * _LN2_LOW)) - f)
+    result: float = e * _LN2_HIGH - ((half - (s * (half + series) + e * _LN2_LOW)) - f)
+    return result
 
 
 _LOG2_E = 1.4426950408889634
@@ -66,7 +69,7 @@ _ROUND = 6755399441055744.0  # 1.5 * 2^52: adding it rounds to an integer in the
 _ROUND_BITS = 0x4338000000000000
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 def exp(x: float) -> float:
     """Exponential for |x| <= 700."""
     shifted = x * _LOG2_E + _ROUND
@@ -77,10 +80,11 @@ def exp(x: float) -> float:
     series = 1.0 / 40320.0 + r * (1.0 / 362880.0 + r * (1.0 / 3628800.0 + r * series))
     series = 1.0 / 120.0 + r * (1.0 / 720.0 + r * (1.0 / 5040.0 + r * series))
     series = 1.0 + r * (1.0 + r * (0.5 + r * (1.0 / 6.0 + r * (1.0 / 24.0 + r * series))))
-    return series * _float((_bits(shifted) - _ROUND_BITS + 1023) << 52)
+    result: float = series * _float((_bits(shifted) - _ROUND_BITS + 1023) << 52)
+    return result
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 def half_sincos(x: float) -> tuple[float, float]:
     """sin(x/2) and cos(x/2) for |x| <= pi, from the Taylor series at x/4."""
     y = 0.25 * x

@@ -30,12 +30,12 @@ from math import asinh, ceil, log10, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
+from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.elementary import exp, half_sincos, log
-from pbrdf_bayes.physics.fresnel import Surface, lobes, transmittances
+from pbrdf_bayes.physics.fresnel import Surface, lobe_slopes, lobes, transmittances
 
 Array = NDArray[np.float64]
 
@@ -82,27 +82,34 @@ _NODES, _WEIGHTS = _gauss_tables()
 _POINTS, _MATRICES, _MATRIX_START = _expansion_tables()
 
 
+VALUES, SLOPES = 2, 8
+"""Series carried along: A_s, A_p, or with them the six derivatives of `LobeSlopes`."""
+
+
 class Workspace(NamedTuple):
     """Scratch arrays of one evaluation, allocated once for many."""
 
-    c_s: Array
-    c_p: Array
-    a_s: Array
-    a_p: Array
-    u: Array
-    b: Array
+    nodes: Array
+    """(6, MAX_NODES): x, c, offset, h of each node, its weight, and its u / length."""
+    lobes: Array
+    """(SLOPES, MAX_NODES): the series at the nodes."""
+    coefficients: Array
+    """(SLOPES, MAX_ORDER): Chebyshev coefficients of C/u for the series of B."""
+    basis: Array
+    """Chebyshev polynomials at the nodes, (order, n_nodes) in a flat array."""
+    sums: Array
+    """(SLOPES, MAX_NODES): C/u at the nodes."""
 
 
-@njit(cache=True)
+@compiled()
 def workspace() -> Workspace:
     """Allocate the scratch arrays."""
     return Workspace(
-        np.empty(MAX_ORDER + 1),
-        np.empty(MAX_ORDER + 1),
-        np.empty(MAX_NODES),
-        np.empty(MAX_NODES),
-        np.empty(MAX_NODES),
-        np.empty((4, MAX_NODES)),
+        np.empty((6, MAX_NODES)),
+        np.empty((SLOPES, MAX_NODES)),
+        np.empty((SLOPES, MAX_ORDER)),
+        np.empty(MAX_ORDER * MAX_NODES),
+        np.empty((SLOPES, MAX_NODES)),
     )
 
 
@@ -115,13 +122,13 @@ class Incidence(NamedTuple):
     grazing: float
 
 
-@njit(cache=True)
+@compiled()
 def incidence(theta_i: float) -> Incidence:
     """Sine, cosine and distance from grazing of ``theta_i`` [rad]."""
     return Incidence(np.sin(theta_i), np.cos(theta_i), theta_i, 0.5 * pi - theta_i)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def panel_split(length: float, digits: float, pole: float) -> tuple[int, int]:
     """Sub-panels, and Gauss nodes in each, for a panel of this length with poles that far away."""
     n_panels = max(ceil(length / PANEL_LENGTH), 1)
@@ -130,7 +137,7 @@ def panel_split(length: float, digits: float, pole: float) -> tuple[int, int]:
     return n_panels, min(max(order, 2), MAX_ORDER)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def expansion_order(length: float, digits: float) -> int:
     """Chebyshev degree of C for this length in u and this many correct digits."""
     y = pi / max(length, SHORT_EXPANSION)
@@ -143,29 +150,58 @@ def expansion_order(length: float, digits: float) -> int:
     return min(max(order, 2 * _ORDER_STEP), MAX_ORDER)
 
 
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
-def _antiderivative(m: int, ws: Workspace) -> None:
-    """Chebyshev coefficients of C_s(u)/u and C_p(u)/u from the samples in ``ws.b``."""
-    start = _MATRIX_START[m // _ORDER_STEP - 1]
-    for j in range(m):
-        sum_s = 0.0
-        sum_p = 0.0
-        for i in range(m):
-            weight = _MATRICES[start + j * m + i]
-            sum_s += weight * ws.b[0, i]
-            sum_p += weight * ws.b[1, i]
-        ws.c_s[j] = sum_s
-        ws.c_p[j] = sum_p
+@compiled()
+def fill_lobes(geometry: Array, first: int, a: int, b: int, surf: Surface, out: Array) -> None:
+    """Lobes of s and p at the columns a..b of ``out``; x, c, offset, h from row ``first`` on.
+
+    Columns are given by their ends and not as slices: the compiler vectorises whole rows only.
+    """
+    x, c, offset, h = geometry[first], geometry[first + 1], geometry[first + 2], geometry[first + 3]
+    lobe_s, lobe_p = out[0], out[1]
+    for i in range(a, b):
+        lobe_s[i], lobe_p[i] = lobes(x[i], c[i], offset[i], h[i], surf)
 
 
-@njit(cache=True, error_model="numpy")
-def expand_cumulative(surf: Surface, m: int, ws: Workspace) -> float:
-    """Chebyshev coefficients of C_s/u and C_p/u in u/length on [0, 1]; returns the length.
+@compiled()
+def fill_slopes(geometry: Array, first: int, a: int, b: int, surf: Surface, out: Array) -> None:
+    """The eight fields of `LobeSlopes`, arguments as for `fill_lobes`."""
+    x, c, offset, h = geometry[first], geometry[first + 1], geometry[first + 2], geometry[first + 3]
+    r0, r1, r2, r3 = out[0], out[1], out[2], out[3]
+    r4, r5, r6, r7 = out[4], out[5], out[6], out[7]
+    for i in range(a, b):
+        t = lobe_slopes(x[i], c[i], offset[i], h[i], surf)
+        r0[i], r1[i], r2[i], r3[i] = t.s, t.p, t.s_re, t.s_im
+        r4[i], r5[i], r6[i], r7[i] = t.s_width, t.p_re, t.p_im, t.p_width
 
-    beta = sin s, s = rho0 sinh u, u from 0 to asinh(pi / (2 rho0)).
+
+@compiled()
+def _fill_series(n: int, n_series: int, surf: Surface, ws: Workspace) -> None:
+    """The series at the nodes times the weights: lobes, and derivatives of the lobes themselves."""
+    if n_series == VALUES:
+        fill_lobes(ws.nodes, 0, 0, n, surf, ws.lobes)
+    else:
+        fill_slopes(ws.nodes, 0, 0, n, surf, ws.lobes)
+    _scale_row(ws.lobes[0], ws.nodes[4], n)
+    _scale_row(ws.lobes[1], ws.nodes[4], n)
+    for j in range(2, n_series):
+        _scale_row(ws.lobes[j], ws.lobes[0 if j < 5 else 1], n)
+
+
+@compiled()
+def _scale_row(row: Array, factor: Array, n: int) -> None:
+    for i in range(n):
+        row[i] *= factor[i]
+
+
+@compiled()
+def expand_cumulative(surf: Surface, m: int, n_series: int, ws: Workspace) -> None:
+    """Chebyshev coefficients of C/u in u/length on [0, 1], for every series of B.
+
+    beta = sin s, s = rho0 sinh u, u from 0 to length = asinh(pi / (2 rho0)).
     """
     length = asinh(0.5 * pi / surf.rho0)
     first = _ORDER_STEP * (m // _ORDER_STEP - 1) * (m // _ORDER_STEP) // 2
+    nodes = ws.nodes
     for i in range(m):
         e = exp(length * _POINTS[first + i])
         s = 0.5 * surf.rho0 * (e - 1.0 / e)
@@ -174,137 +210,203 @@ def expand_cumulative(surf: Surface, m: int, ws: Workspace) -> float:
         beta = 2.0 * sine_half * cosine_half
         cos_s = max((cosine_half - sine_half) * (cosine_half + sine_half), 0.0)
         x = 0.5 * beta
-        c = sqrt((1.0 - x) * (1.0 + x))
-        b_s, b_p = lobes(x, c, beta, cosine_half * cosine_half * cosine_half * cosine_half, surf)
-        factor = 2.0 * length * jacobian * cos_s
-        ws.b[0, i] = b_s * factor
-        ws.b[1, i] = b_p * factor
-    _antiderivative(m, ws)
-    return length
+        cosine_half2 = cosine_half * cosine_half
+        nodes[0, i] = x
+        nodes[1, i] = sqrt((1.0 - x) * (1.0 + x))
+        nodes[2, i] = beta
+        nodes[3, i] = cosine_half2 * cosine_half2
+        nodes[4, i] = 2.0 * length * jacobian * cos_s
+    _fill_series(m, n_series, surf, ws)
+    _antiderivatives(m, n_series, ws)
 
 
-@njit(cache=True, error_model="numpy")
-def _peak_panel(
-    inc: Incidence, width: float, forward: bool, v0: float, v1: float, p: int, at: int,
+@compiled(reassociate=True)
+def _antiderivatives(m: int, n_series: int, ws: Workspace) -> None:
+    """Coefficients of C/u from the samples of every series."""
+    start = _MATRIX_START[m // _ORDER_STEP - 1]
+    for q in range(n_series):
+        samples = ws.lobes[q]
+        for j in range(m):
+            row = _MATRICES[start + j * m : start + (j + 1) * m]
+            total = 0.0
+            for i in range(m):
+                total += row[i] * samples[i]
+            ws.coefficients[q, j] = total
+
+
+@compiled()
+def _place_peak_nodes(
+    inc: Incidence, width: float, n_backward: int, a: int, b: int,
     surf: Surface, scale_u: float, ws: Workspace,
 ) -> None:  # fmt: skip
-    """Nodes of a panel stretched around the peak: t = theta_i +- width sinh v, v in [v0, v1]."""
-    first = p * (p - 1) // 2
-    sign = 1.0 if forward else -1.0
+    """Geometry of the nodes a..b around the peak: t = theta_i +- width sinh v.
+
+    Comes with v in row 5 and the step of v times the Gauss weight in row 4; the first
+    ``n_backward`` nodes are on the backward side.
+    """
+    x_row, c_row, offset_row = ws.nodes[0], ws.nodes[1], ws.nodes[2]
+    h_row, weight_row, u_row = ws.nodes[3], ws.nodes[4], ws.nodes[5]
     inverse_rho0 = 1.0 / surf.rho0
-    for i in range(p):
-        e = exp(v0 + (v1 - v0) * _NODES[first + i])
-        delta = sign * 0.5 * width * (e - 1.0 / e)
-        jacobian = 0.5 * width * (e + 1.0 / e) * (v1 - v0) * _WEIGHTS[first + i]
-        sh, ch = half_sincos(delta)
-        cos_t = inc.cosine * (1.0 - 2.0 * sh * sh) - inc.sine * 2.0 * sh * ch
-        sin_t = inc.sine * (1.0 - 2.0 * sh * sh) + inc.cosine * 2.0 * sh * ch
-        offset = 2.0 * sh * (inc.cosine * ch - inc.sine * sh)
-        a_s, a_p = _lobe_at(inc, sin_t, cos_t, offset, surf)
-        ws.a_s[at + i] = a_s * jacobian
-        ws.a_p[at + i] = a_p * jacobian
-        distance = min(inc.grazing - delta, inc.grazing + 2.0 * inc.theta + delta) * inverse_rho0
-        ws.u[at + i] = scale_u * log(distance + sqrt(distance * distance + 1.0))
-
-
-@njit(cache=True, error_model="numpy")
-def _edge_panel(
-    inc: Incidence, forward: bool, v0: float, v1: float, p: int, at: int,
-    surf: Surface, scale_u: float, ws: Workspace,
-) -> None:  # fmt: skip
-    """Nodes of a panel stretched around grazing: |t| = pi/2 - rho0 sinh u, u in [v0, v1]."""
-    first = p * (p - 1) // 2
-    sign = 1.0 if forward else -1.0
-    grazing_half, _ = half_sincos(inc.grazing)
-    for i in range(p):
-        u = v0 + (v1 - v0) * _NODES[first + i]
-        e = exp(u)
-        s = 0.5 * surf.rho0 * (e - 1.0 / e)
-        jacobian = 0.5 * surf.rho0 * (e + 1.0 / e) * (v1 - v0) * _WEIGHTS[first + i]
-        sh, ch = half_sincos(s)
-        sin_t = sign * (1.0 - 2.0 * sh * sh)
-        offset = 2.0 * (grazing_half - sh) * (grazing_half + sh) if forward else sin_t - inc.sine
-        a_s, a_p = _lobe_at(inc, sin_t, 2.0 * sh * ch, offset, surf)
-        ws.a_s[at + i] = a_s * jacobian
-        ws.a_p[at + i] = a_p * jacobian
-        ws.u[at + i] = scale_u * u
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _lobe_at(
-    inc: Incidence, sin_t: float, cos_t: float, offset: float, surf: Surface
-) -> tuple[float, float]:
-    """A_s and A_p at alpha = sin t, times d alpha / dt."""
-    x = 0.5 * (inc.sine + sin_t)
     short_i = inc.cosine * inc.cosine / (1.0 + inc.sine)
-    short = cos_t * cos_t / (1.0 + sin_t) if sin_t > 0.0 else 1.0 - sin_t
-    c = sqrt(0.5 * (short + short_i) * (1.0 + x))
-    h = 0.25 * (inc.cosine + cos_t) * (inc.cosine + cos_t)
-    a_s, a_p = lobes(x, c, offset, h, surf)
-    return a_s * cos_t, a_p * cos_t
+    half_width = 0.5 * width
+    for i in range(a, b):
+        e = exp(u_row[i])
+        sign = -1.0 if i < a + n_backward else 1.0
+        inverse = 1.0 / e
+        delta = sign * half_width * (e - inverse)
+        sh, ch = half_sincos(delta)
+        cos_delta = 1.0 - 2.0 * sh * sh
+        sin_delta = 2.0 * sh * ch
+        cos_t = inc.cosine * cos_delta - inc.sine * sin_delta
+        sin_t = inc.sine * cos_delta + inc.cosine * sin_delta
+        x = 0.5 * (inc.sine + sin_t)
+        short = cos_t * cos_t / (1.0 + sin_t) if sin_t > 0.0 else 1.0 - sin_t
+        x_row[i] = x
+        c_row[i] = sqrt(0.5 * (short + short_i) * (1.0 + x))
+        offset_row[i] = 2.0 * sh * (inc.cosine * ch - inc.sine * sh)
+        h_row[i] = 0.25 * (inc.cosine + cos_t) * (inc.cosine + cos_t)
+        weight_row[i] *= half_width * (e + inverse) * cos_t
+        above = inc.grazing - delta
+        below = inc.grazing + 2.0 * inc.theta + delta
+        distance = (min(below, above)) * inverse_rho0
+        u_row[i] = scale_u * log(distance + sqrt(distance * distance + 1.0))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
+def _place_edge_nodes(
+    inc: Incidence, n_backward: int, a: int, b: int, surf: Surface, scale_u: float, ws: Workspace
+) -> None:
+    """Geometry of the nodes a..b around grazing: |t| = pi/2 - rho0 sinh u; rows as for the peak."""
+    x_row, c_row, offset_row = ws.nodes[0], ws.nodes[1], ws.nodes[2]
+    h_row, weight_row, u_row = ws.nodes[3], ws.nodes[4], ws.nodes[5]
+    short_i = inc.cosine * inc.cosine / (1.0 + inc.sine)
+    grazing_half, _ = half_sincos(inc.grazing)
+    half_rho0 = 0.5 * surf.rho0
+    for i in range(a, b):
+        u = u_row[i]
+        e = exp(u)
+        forward = i >= a + n_backward
+        inverse = 1.0 / e
+        sh, ch = half_sincos(half_rho0 * (e - inverse))
+        cos_t = 2.0 * sh * ch
+        sin_t = (1.0 - 2.0 * sh * sh) if forward else (2.0 * sh * sh - 1.0)
+        x = 0.5 * (inc.sine + sin_t)
+        short = 2.0 * sh * sh if forward else 1.0 - sin_t
+        near = 2.0 * (grazing_half - sh) * (grazing_half + sh)
+        x_row[i] = x
+        c_row[i] = sqrt(0.5 * (short + short_i) * (1.0 + x))
+        offset_row[i] = near if forward else sin_t - inc.sine
+        h_row[i] = 0.25 * (inc.cosine + cos_t) * (inc.cosine + cos_t)
+        weight_row[i] *= half_rho0 * (e + inverse) * cos_t
+        u_row[i] = scale_u * u
+
+
+@compiled()
+def _lay_panels(v0: float, v1: float, digits: float, pole: float, at: int, ws: Workspace) -> int:
+    """Gauss nodes of [v0, v1] from index ``at`` on: v into row 5, weights into row 4."""
+    if v1 <= v0:
+        return at
+    n_panels, p = panel_split(v1 - v0, digits, pole)
+    step = (v1 - v0) / n_panels
+    first = p * (p - 1) // 2
+    for j in range(n_panels):
+        for i in range(p):
+            ws.nodes[5, at + i] = v0 + step * (j + _NODES[first + i])
+            ws.nodes[4, at + i] = step * _WEIGHTS[first + i]
+        at += p
+    return at
+
+
+@compiled()
 def place_nodes(inc: Incidence, surf: Surface, digits: float, ws: Workspace) -> int:
-    """Fill A and the argument of C at the nodes of all panels; returns their number."""
+    """Geometry and weights of the nodes of all panels; returns their number."""
     t_s, t_p = transmittances(inc.sine, inc.cosine, surf)
     width = min(surf.rho0, inc.grazing, 0.25 * surf.width * min(t_s, t_p))
     pole = POLE_DISTANCE_METAL if surf.m2_re < 0.0 else POLE_DISTANCE
     scale_u = 1.0 / asinh(0.5 * pi / surf.rho0)
-    at = 0
-    for forward, s1 in ((False, 0.25 * pi), (True, 0.5 * inc.grazing)):
-        length = asinh(s1 / surf.rho0)
-        n_panels, p = panel_split(length, digits, pole)
-        step = length / n_panels
-        for j in range(n_panels):
-            _edge_panel(inc, forward, j * step, (j + 1) * step, p, at, surf, scale_u, ws)
-            at += p
     near = asinh(inc.theta / width)
     far = asinh((inc.theta + 0.25 * pi) / width)
-    half = asinh(0.5 * inc.grazing / width)
-    for forward, v0, v1 in ((False, near, far), (False, 0.0, near), (True, 0.0, half)):
-        if v1 > v0:
-            n_panels, p = panel_split(v1 - v0, digits, pole)
-            step = (v1 - v0) / n_panels
-            for j in range(n_panels):
-                a = v0 + j * step
-                _peak_panel(inc, width, forward, a, a + step, p, at, surf, scale_u, ws)
-                at += p
-    return at
+    backward = _lay_panels(near, far, digits, pole, 0, ws)
+    backward = _lay_panels(0.0, near, digits, pole, backward, ws)
+    peak = _lay_panels(0.0, asinh(0.5 * inc.grazing / width), digits, pole, backward, ws)
+    _place_peak_nodes(inc, width, backward, 0, peak, surf, scale_u, ws)
+    edge = _lay_panels(0.0, asinh(0.25 * pi / surf.rho0), digits, pole, peak, ws)
+    end = _lay_panels(0.0, asinh(0.5 * inc.grazing / surf.rho0), digits, pole, edge, ws)
+    _place_edge_nodes(inc, edge - peak, peak, end, surf, scale_u, ws)
+    return end
 
 
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
-def integrate_lobes(n_nodes: int, m: int, ws: Workspace) -> tuple[float, float]:
-    """I_s and I_p: A at the nodes times C there, by Clenshaw's recurrence over all nodes at once."""
-    for i in range(n_nodes):
-        ws.b[0, i] = 0.0
-        ws.b[1, i] = 0.0
-        ws.b[2, i] = 0.0
-        ws.b[3, i] = 0.0
-    for j in range(m - 1, 0, -1):
-        c_s, c_p = ws.c_s[j], ws.c_p[j]
-        for i in range(n_nodes):
-            z2 = 4.0 * ws.u[i] - 2.0
-            next_s = c_p + z2 * ws.b[0, i] - ws.b[1, i]
-            next_p = c_s + z2 * ws.b[2, i] - ws.b[3, i]
-            ws.b[1, i] = ws.b[0, i]
-            ws.b[0, i] = next_s
-            ws.b[3, i] = ws.b[2, i]
-            ws.b[2, i] = next_p
-    sum_s = 0.0
-    sum_p = 0.0
-    for i in range(n_nodes):
-        z = 2.0 * ws.u[i] - 1.0
-        sum_s += ws.a_s[i] * ws.u[i] * (ws.c_p[0] + z * ws.b[0, i] - ws.b[1, i])
-        sum_p += ws.a_p[i] * ws.u[i] * (ws.c_s[0] + z * ws.b[2, i] - ws.b[3, i])
-    return sum_s, sum_p
+@compiled(reassociate=True)
+def _sum_expansions(n: int, m: int, n_series: int, ws: Workspace) -> None:
+    """C/u of every series at the nodes: the polynomials once, then sums of four at a time."""
+    u = ws.nodes[5]
+    basis = ws.basis
+    for i in range(n):
+        basis[i] = 1.0
+        basis[n + i] = 2.0 * u[i] - 1.0
+    for j in range(2, m):
+        before, last, new = (j - 2) * n, (j - 1) * n, j * n
+        for i in range(n):
+            basis[new + i] = (4.0 * u[i] - 2.0) * basis[last + i] - basis[before + i]
+    for q in range(n_series):
+        row = ws.sums[q]
+        for i in range(n):
+            row[i] = 0.0
+        for j in range(0, m, 4):
+            c0, c1 = ws.coefficients[q, j], ws.coefficients[q, j + 1]
+            c2, c3 = ws.coefficients[q, j + 2], ws.coefficients[q, j + 3]
+            a, b, c, d = j * n, (j + 1) * n, (j + 2) * n, (j + 3) * n
+            for i in range(n):
+                row[i] += (
+                    c0 * basis[a + i] + c1 * basis[b + i] + c2 * basis[c + i] + c3 * basis[d + i]
+                )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(reassociate=True)
+def _dot(a: Array, b: Array, u: Array, n: int) -> float:
+    total = 0.0
+    for i in range(n):
+        total += a[i] * b[i] * u[i]
+    return total
+
+
+@compiled()
+def integrals(
+    inc: Incidence, surf: Surface, digits: float, m: int, n_series: int, ws: Workspace
+) -> tuple[float, float, int]:
+    """I_s, I_p and the number of nodes at one angle; `expand_cumulative` comes before."""
+    n = place_nodes(inc, surf, digits, ws)
+    _fill_series(n, n_series, surf, ws)
+    _sum_expansions(n, m, n_series, ws)
+    u = ws.nodes[5]
+    return (
+        _dot(ws.lobes[0], ws.sums[1], u, n),
+        _dot(ws.lobes[1], ws.sums[0], u, n),
+        n,
+    )
+
+
+@compiled()
+def integral_slopes(n: int, ws: Workspace, out: Array) -> None:
+    """Derivatives of I_s, I_p (contrast fixed) by Re(m^2), -Im(m^2), width: after `integrals`.
+
+    ``out`` has shape (6,): three for s, three for p. The nodes move with the parameters, the
+    integral does not depend on where they are.
+    """
+    u = ws.nodes[5]
+    for j in range(3):
+        out[j] = _dot(ws.lobes[2 + j], ws.sums[1], u, n) + _dot(ws.lobes[0], ws.sums[5 + j], u, n)
+        out[3 + j] = _dot(ws.lobes[5 + j], ws.sums[0], u, n) + _dot(
+            ws.lobes[1], ws.sums[2 + j], u, n
+        )
+
+
+@compiled()
 def normalisation_integrals(
     inc: Incidence, surf: Surface, digits: float, ws: Workspace
 ) -> tuple[float, float]:
     """I_s and I_p at one angle of incidence to ``digits`` correct digits."""
     m = expansion_order(asinh(0.5 * pi / surf.rho0), digits)
-    expand_cumulative(surf, m, ws)
-    return integrate_lobes(place_nodes(inc, surf, digits, ws), m, ws)
+    expand_cumulative(surf, m, VALUES, ws)
+    norm_s, norm_p, _ = integrals(inc, surf, digits, m, VALUES, ws)
+    return norm_s, norm_p

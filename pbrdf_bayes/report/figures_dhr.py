@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.report.arrays import DhrCurve, DhrPoints
 from pbrdf_bayes.report.figures_brdf import BANDS, OUTLINE, WIDTH, evenly
-from pbrdf_bayes.report.figures_planes import Picture, half_width
+from pbrdf_bayes.report.figures_planes import Picture, half_width, span
 from pbrdf_bayes.report.numbers import number
 from pbrdf_bayes.report.panel import FAINT, LOOKS, Panel, limits, linear_ticks, new_figure
 from pbrdf_bayes.report.svg import inline_svg
@@ -123,15 +123,13 @@ def _difference_text(points: DhrPoints) -> str:
 
 
 def _label(curves: Sequence[DhrCurve], points: Sequence[DhrPoints]) -> str:
-    parts = []
-    for group in points:
-        good = group.value[np.isfinite(group.value)]
-        if good.size:
-            said = f"measured {number(good.min())} to {number(good.max())}"
-            parts.append(f"{LOOKS[group.polarization].word}: {said} in {good.size} readings")
+    parts = [
+        f"{LOOKS[p.polarization].word}: measured {span(p.value)} in {p.value.size} readings"
+        for p in points
+    ]
     parts += [
-        f"{LOOKS[curve.polarization].word}: predicted {number(np.nanmin(curve.map))} to "
-        f"{number(np.nanmax(curve.map))}, 90 % model band ±{half_width(curve.model_band)}"
+        f"{LOOKS[curve.polarization].word}: predicted {span(curve.map)}, 90 % model band "
+        f"±{half_width(curve.model_band)}"
         for curve in curves
     ]
     return "DHR against incidence angle; " + "; ".join(parts)

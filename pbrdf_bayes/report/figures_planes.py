@@ -192,14 +192,19 @@ def label_of(plane: Plane, *, what: str = "BRDF") -> str:
 
 
 def _strand_label(strand: Strand) -> str:
-    values = strand.values
-    if values.size:
-        said = [f"measured {number(values.min())} to {number(values.max())} per sr"]
-    else:
-        at = strand.curve.map[np.isfinite(strand.curve.map)] if strand.curve else np.zeros(0)
-        said = [f"predicted {number(at.min())} to {number(at.max())} per sr"] if at.size else []
-    if strand.curve is not None and strand.curve.model_band is not None:
-        said.append(f"90 % model band ±{half_width(strand.curve.model_band)}")
-    if strand.curve is not None:
-        said.append(f"90 % predictive band ±{half_width(strand.curve.predictive_band)}")
+    curve, said = strand.curve, []
+    if strand.scans:
+        said.append(f"measured {span(strand.values)} per sr")
+    elif curve is not None:
+        said.append(f"predicted {span(curve.map)} per sr")
+    if curve is not None and curve.model_band is not None:
+        said.append(f"90 % model band ±{half_width(curve.model_band)}")
+    if curve is not None:
+        said.append(f"90 % predictive band ±{half_width(curve.predictive_band)}")
     return f"{LOOKS[strand.polarization].word}: {', '.join(said)}"
+
+
+def span(values: Array) -> str:
+    """Lowest and highest finite value."""
+    good = values[np.isfinite(values)]
+    return f"{number(good.min())} to {number(good.max())}" if good.size else "no value"

@@ -80,11 +80,11 @@ def rounded(
 
 
 def fixed(value: Any, decimals: int) -> str:
-    """Write fixed decimals; a power of ten where more than nine would be needed.
+    r"""Write fixed decimals; a power of ten where more than nine would be needed.
 
     Examples
     --------
-    >>> fixed(-1.25, 1), fixed(1234.6, -1), fixed(None, 2), fixed(1.25e-11, 12)
+    >>> fixed(-1.25, 1), fixed(1234.6, -1), fixed(None, 2), fixed(1.2e-11, 12)
     ('−1.2', '1\u202f230', '–', '1.2 × 10⁻¹¹')
     """
     x = finite(value)
@@ -96,7 +96,7 @@ def fixed(value: Any, decimals: int) -> str:
 
 
 def number(value: Any, *, digits: int = 3) -> str:
-    """Significant digits, trailing zeros dropped, a power of ten outside 1e-4 to 1e6.
+    r"""Significant digits, trailing zeros dropped, a power of ten outside 1e-4 to 1e6.
 
     Examples
     --------
@@ -118,7 +118,7 @@ def number(value: Any, *, digits: int = 3) -> str:
 
 
 def count(value: Any) -> str:
-    """Whole number with thin spaces between thousands.
+    r"""Whole number with thin spaces between thousands.
 
     Examples
     --------
@@ -130,7 +130,7 @@ def count(value: Any) -> str:
 
 
 def percent(fraction: Any, *, digits: int = 2) -> str:
-    """Fraction as per cent.
+    r"""Fraction as per cent.
 
     Examples
     --------
@@ -158,7 +158,7 @@ def degrees(value: Any) -> str:
 
 
 def dex_as_percent(dex: Any) -> str:
-    """Relative deviation that a deviation in dex is.
+    r"""Relative deviation that a deviation in dex is.
 
     Examples
     --------
@@ -170,16 +170,18 @@ def dex_as_percent(dex: Any) -> str:
 
 
 def seconds(value: Any) -> str:
-    """Duration in seconds or minutes.
+    r"""Duration in seconds or minutes.
 
     Examples
     --------
-    >>> seconds(12.34), seconds(75.0)
-    ('12.3\u202fs', '1\u202fmin 15\u202fs')
+    >>> seconds(12.34), seconds(75.0), seconds(1e-6)
+    ('12.3\u202fs', '1\u202fmin 15\u202fs', '< 1\u202fms')
     """
     x = finite(value)
     if x is None:
         return MISSING
+    if x < 1e-3:
+        return f"< 1{THIN}ms"
     if x < 60:
         return f"{number(x)}{THIN}s"
     return f"{int(x // 60)}{THIN}min {x % 60:.0f}{THIN}s"

@@ -114,9 +114,9 @@ def _context(analysis: Analysis) -> dict[str, Any]:
         "warnings": summary["input"]["warnings"],
         "data_facts": texts.data_facts(summary),
         "model_text": texts.model_text(summary),
-        "sampling": tables.facts(summary["sampling"]),
-        "accuracy": tables.facts(summary["accuracy"]),
-        "timings": tables.timing_rows(summary),
+        "sampling": texts.facts(summary["sampling"]),
+        "accuracy": texts.facts(summary["accuracy"]),
+        "timings": texts.timing_rows(summary),
         "provenance": texts.provenance(summary),
         "config_toml": analysis.config_toml.strip(),
     }

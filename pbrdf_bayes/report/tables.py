@@ -21,28 +21,11 @@ from pbrdf_bayes.report.numbers import (
     number,
     percent,
     rounded,
-    seconds,
     symbol_markup,
 )
 
 Record = Mapping[str, Any]
-WORDS = {
-    "n_ensembles": "independent ensembles",
-    "n_walkers": "walkers in each",
-    "n_steps": "steps",
-    "n_burn": "steps discarded",
-    "thin": "kept one step in",
-    "n_draws": "draws kept",
-    "acceptance": "accepted fraction",
-    "autocorrelation_time": "autocorrelation time (steps)",
-    "k_hat": "Pareto k-hat",
-    "n_evaluations": "model evaluations",
-    "rtol": "relative tolerance",
-    "normalisation_error": "normalisation error",
-    "microseconds_per_evaluation": "time per evaluation (µs)",
-}
-"""Names of the entries of the summary where the key alone would not be read with pleasure."""
-DIAGONAL = ("1", "#eceef0", "#59636e")
+DIAGONAL = ("1", "#eceef0")
 ORDER = {"FAIL": 0, "WARN": 1, "PASS": 2, "SKIP": 3}
 
 
@@ -94,10 +77,10 @@ class CheckRow:
 
 @dataclass(frozen=True)
 class CorrelationRow:
-    """A line of the correlation matrix up to the diagonal: text, background, ink."""
+    """A line of the correlation matrix up to the diagonal: text and background."""
 
     symbol: Markup
-    cells: tuple[tuple[str, str, str], ...]
+    cells: tuple[tuple[str, str], ...]
 
 
 def parameter_rows(
@@ -233,16 +216,15 @@ def correlation_rows(summary: Record) -> list[CorrelationRow]:
     ]
 
 
-def _cell(value: Any) -> tuple[str, str, str]:
-    """Text of a correlation, its background and its ink: blue positive, orange negative."""
+def _cell(value: Any) -> tuple[str, str]:
+    """Text of a correlation and its background: blue positive, orange negative."""
     r = finite(value)
     if r is None:
-        return MISSING, "#f4f5f6", "#59636e"
+        return MISSING, DIAGONAL[1]
     full = (0, 103, 165) if r > 0 else (194, 77, 0)
-    weight = min(abs(r), 1.0) ** 1.3 * 0.82
+    weight = 0.66 * min(abs(r), 1.0) ** 1.2
     mixed = [round(255 + (c - 255) * weight) for c in full]
-    ink = "#ffffff" if weight > 0.55 else "#1c2126"
-    return fixed(r, 2), f"rgb({mixed[0]},{mixed[1]},{mixed[2]})", ink
+    return fixed(r, 2), f"rgb({mixed[0]},{mixed[1]},{mixed[2]})"
 
 
 def scan_rows(summary: Record) -> list[tuple[str, ...]]:
@@ -292,31 +274,3 @@ def holdout_rows(summary: Record) -> list[tuple[str, ...]]:
         )
         for s in lines
     ]  # fmt: skip
-
-
-def facts(pairs: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Names and values of a record as text."""
-    return [(WORDS.get(n, n.replace("_", " ")), _plain(value)) for n, value in pairs.items()]
-
-
-def _plain(value: Any) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, (int, float)):
-        return count(value) if isinstance(value, int) else number(value, digits=4)
-    return str(value) if value not in (None, "") else MISSING
-
-
-def timing_rows(summary: Record) -> list[tuple[str, str]]:
-    """Stage and duration, the sum last."""
-    timings = summary["timings"]
-    total = sum(v for v in (finite(t) for t in timings.values()) if v is not None)
-    lines = [
-        (stage.replace("_", " "), seconds(t)) for stage, t in timings.items() if stage != "total"
-    ]
-    return [*lines, ("total", seconds(timings.get("total", total)))]
-
-
-def words_of(items: Sequence[str], none: str) -> str:
-    """Join words by commas, or what to say where there are none."""
-    return ", ".join(map(str, items)) or none

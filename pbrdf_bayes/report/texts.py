@@ -2,14 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pbrdf_bayes.report.numbers import MISSING, THIN, count, dex_as_percent, fixed, number
-from pbrdf_bayes.report.tables import words_of
+from pbrdf_bayes.report.numbers import (
+    MISSING,
+    THIN,
+    count,
+    dex_as_percent,
+    finite,
+    fixed,
+    number,
+    seconds,
+)
 
 Record = Mapping[str, Any]
 
+WORDS = {
+    "n_ensembles": "independent ensembles",
+    "n_walkers": "walkers in each",
+    "n_steps": "steps",
+    "n_burn": "steps discarded",
+    "thin": "kept one step in",
+    "n_draws": "draws kept",
+    "acceptance": "accepted fraction",
+    "autocorrelation_time": "autocorrelation time (steps)",
+    "k_hat": "Pareto k-hat",
+    "n_evaluations": "model evaluations",
+    "rtol": "relative tolerance",
+    "normalisation_error": "normalisation error",
+    "microseconds_per_evaluation": "time per evaluation (µs)",
+}
+"""Names of the entries of the summary where the key alone would not be read with pleasure."""
 NOT_CONVERGED = {
     "title": "NOT CONVERGED: the numbers on this page are not a result",
     "text": (
@@ -125,3 +149,31 @@ def shortened(text: str, most: int = 80) -> str:
 
 def _readings(n: int) -> str:
     return f"{count(n)} reading{'s' * (n != 1)}"
+
+
+def facts(pairs: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Names and values of a record as text."""
+    return [(WORDS.get(n, n.replace("_", " ")), _plain(value)) for n, value in pairs.items()]
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, (int, float)):
+        return count(value) if isinstance(value, int) else number(value, digits=4)
+    return str(value) if value not in (None, "") else MISSING
+
+
+def timing_rows(summary: Record) -> list[tuple[str, str]]:
+    """Stage and duration, the sum last."""
+    timings = summary["timings"]
+    total = sum(v for v in (finite(t) for t in timings.values()) if v is not None)
+    lines = [
+        (stage.replace("_", " "), seconds(t)) for stage, t in timings.items() if stage != "total"
+    ]
+    return [*lines, ("total", seconds(timings.get("total", total)))]
+
+
+def words_of(items: Sequence[str], none: str) -> str:
+    """Join words by commas, or what to say where there are none."""
+    return ", ".join(map(str, items)) or none
