@@ -1,0 +1,705 @@
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from pbrdf_bayes.errors import ConfigError, DataError
+from pbrdf_bayes.io import tidy_csv
+from pbrdf_bayes.io.tidy_columns import COLUMNS, REQUIRED, guard, unguard
+from pbrdf_bayes.io.tidy_csv import read_measurement, read_samples, write_tidy_csv
+from pbrdf_bayes.io.tidy_rows import new_codebooks, rows_from_cells, rows_from_plain
+from pbrdf_bayes.measurement import Measurement, measurement_from_columns
+
+HEADER = ",".join(REQUIRED)
+ROWS = (
+    "green,3.39,brdf,s,20,10,0.02",
+    "green,3.39,brdf,s,20,-10,0.01",
+    "green,3.39,dhr,p,30,,0.3",
+)
+FIELD = {name: index for index, name in enumerate(REQUIRED)}
+
+
+def table(*rows: str, header: str = HEADER) -> str:
+    return "\n".join([header, *rows]) + "\n"
+
+
+GOOD = table(*ROWS)
+
+
+def with_cell(column: str, cell: str, *, row: int = 0) -> str:
+    """Good file with one cell replaced; the optional columns are added where asked for."""
+    header, rows = HEADER, [line.split(",") for line in ROWS]
+    if column not in FIELD:
+        header += f",{column}"
+        rows = [[*cells, ""] for cells in rows]
+    rows[row][FIELD.get(column, -1)] = cell
+    return table(*(",".join(cells) for cells in rows), header=header)
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(content: str | bytes, name: str = "green.csv") -> Path:
+        file = tmp_path / name
+        file.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return file
+
+    return write
+
+
+def test_reads_the_good_file(write):
+    m = read_measurement(write(GOOD))
+    assert (m.sample, m.wavelength_um, m.source) == ("green", 3.39, "green.csv")
+    assert m.brdf.theta_r_deg.tolist() == [-10, 10]
+    assert m.brdf.value.tolist() == [0.01, 0.02]
+    assert m.brdf.row.tolist() == [3, 2]
+    assert m.dhr.value.tolist() == [0.3]
+    assert np.isnan(m.dhr.theta_r_deg).all()
+    assert (m.warnings, dict(m.excluded), len(m.sha256)) == ((), {}, 64)
+
+
+QUOTED = [re.sub("^green", '"green, ""matt"""', row) for row in ROWS]
+SHUFFLED = ["value,theta_r_deg,theta_i_deg,polarization,quantity,wavelength_um,sample"] + [
+    ",".join(reversed(row.split(","))) for row in ROWS
+]
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"\xef\xbb\xbf" + GOOD.encode(),
+        GOOD.replace("\n", "\r\n"),
+        GOOD.replace("\n", "\r"),
+        GOOD.rstrip("\n"),
+        GOOD + "\n\n,,,,,,\n",
+        GOOD.replace(",", " , "),
+        "\n".join(SHUFFLED),
+        table(*QUOTED),
+        with_cell("theta_r_deg", "nan", row=2),
+        with_cell("theta_r_deg", "12", row=2),
+        with_cell("polarization", " s "),
+        with_cell("sample", " green"),
+        with_cell("sigma", ""),
+        with_cell("sigma", "0"),
+        with_cell("flag", "OK"),
+        with_cell("flag", " ok "),
+        with_cell("phi_r_deg", "nan", row=2),
+        with_cell("phi_r_deg", "-360"),
+        with_cell("n_repeats", "3.0"),
+        with_cell("theta_r_deg", "-90"),
+        with_cell("theta_i_deg", "89.95"),
+        with_cell("value", "2e-2"),
+        with_cell("value", "1.0", row=2),
+        with_cell("scan", '"run 1, morning"'),
+    ],
+)
+def test_accepted_without_a_warning(write, content):
+    m = read_measurement(write(content))
+    assert m.n_obs == 3
+    assert m.warnings == ()
+
+
+REMEDY = "noise floor (brdf_floor) so that the reading is treated as censored, or flag the row"
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        # values
+        (with_cell("value", "-0.003"), "line 2, column value: -0.003 is not allowed (allowed: > 0"),
+        (with_cell("value", "-0.003"), REMEDY),
+        (with_cell("value", "0"), "line 2, column value: 0 is not allowed"),
+        (with_cell("value", "1e-400"), "line 2, column value: 1e-400 is not allowed"),
+        (with_cell("value", "nan"), "line 2, column value: nan is not allowed (allowed: > 0"),
+        (with_cell("value", "nan"), "Give the reading, or flag the row"),
+        (with_cell("value", "inf"), "line 2, column value: inf is not allowed"),
+        (with_cell("value", "-inf"), "line 2, column value: -inf is not allowed"),
+        (with_cell("value", "1e999"), "line 2, column value: 1e999 is not allowed"),
+        (with_cell("value", ""), "line 2, column value: empty"),
+        (with_cell("value", "abc"), "line 2, column value: 'abc' is not a number"),
+        (with_cell("value", "TRUE"), "line 2, column value: 'TRUE' is not a number"),
+        (with_cell("value", "1_000"), "line 2, column value: '1_000' is not a number"),
+        (with_cell("value", "0x1p3"), "line 2, column value: '0x1p3' is not a number"),
+        (with_cell("value", '"0,02"'), "Write a decimal point, not a decimal comma"),
+        (with_cell("value", "0,02"), "line 2: 8 cells where the header has 7. Write decimal point"),
+        (
+            with_cell("value", "30", row=2),
+            "line 4, column value: 30 is not allowed (allowed: -0.05",
+        ),
+        (with_cell("value", "30", row=2), "divide by 100 if it is in per cent"),
+        (with_cell("value", "1.051", row=2), "1.051 is not allowed (allowed: -0.05 to 1.05)"),
+        (with_cell("value", "-0.06", row=2), "-0.06 is not allowed (allowed: -0.05 to 1.05)"),
+        (with_cell("value", "nan", row=2), "line 4, column value: nan is not allowed"),
+        # directions
+        (with_cell("theta_r_deg", "90.1"), "theta_r_deg: 90.1 is not allowed (allowed: -90 to 90"),
+        (with_cell("theta_r_deg", "-91"), "theta_r_deg: -91 is not allowed"),
+        (with_cell("theta_r_deg", ""), "line 2, column theta_r_deg: empty (allowed: -90 to 90"),
+        (with_cell("theta_r_deg", "nan"), "line 2, column theta_r_deg: nan is not allowed"),
+        (with_cell("theta_r_deg", "x", row=2), "theta_r_deg: 'x' is not a number (allowed: an emp"),
+        (with_cell("theta_i_deg", "89.96"), "theta_i_deg: 89.96 is not allowed (allowed: 0 to 89."),
+        (with_cell("theta_i_deg", "-20"), "-20 is not allowed"),
+        (with_cell("theta_i_deg", "-20"), "theta_r_deg carries the sign"),
+        (with_cell("phi_r_deg", "361"), "phi_r_deg: 361 is not allowed (allowed: -360 to 360 deg)"),
+        (with_cell("phi_r_deg", "nan"), "line 2, column phi_r_deg: nan is not allowed"),
+        # words
+        (with_cell("polarization", "S"), "'S' is not allowed (allowed: s, p, u; in lower case)."),
+        (with_cell("polarization", "S"), "Did you mean 's'?"),
+        (with_cell("polarization", "P"), "Did you mean 'p'?"),
+        (with_cell("polarization", "unpolarized"), "Did you mean 'u'?"),
+        (with_cell("polarization", "TM"), "Did you mean 'p'?"),
+        (with_cell("polarization", "x"), "'x' is not allowed (allowed: s, p, u; in lower case). W"),
+        (with_cell("polarization", ""), "line 2, column polarization: empty (allowed: s, p, u"),
+        (with_cell("quantity", "BRDF"), "column quantity: 'BRDF' is not allowed (allowed: brdf, d"),
+        (with_cell("quantity", "BRDF"), "Did you mean 'brdf'?"),
+        (with_cell("quantity", "bsdf"), "Did you mean 'brdf'?"),
+        (with_cell("sample", ""), "line 2, column sample: empty. Give the name"),
+        (with_cell("sample", "a\x07b"), r"'a\x07b' is not allowed (allowed: up to 200 printable"),
+        (with_cell("scan", "r" * 201), "column scan: 'rrr"),
+        # other numbers
+        (
+            with_cell("wavelength_um", "0"),
+            "column wavelength_um: 0 is not allowed (allowed: > 0 um",
+        ),
+        (with_cell("wavelength_um", "red"), "column wavelength_um: 'red' is not a number"),
+        (with_cell("sigma", "-1e-3"), "column sigma: -1e-3 is not allowed (allowed: >= 0"),
+        (with_cell("sigma", "nan"), "column sigma: nan is not allowed"),
+        (with_cell("sigma", "5%"), "column sigma: '5%' is not a number"),
+        (with_cell("n_repeats", "0"), "n_repeats: 0 is not allowed (allowed: a whole number >= 1)"),
+        (with_cell("n_repeats", "2.5"), "n_repeats: 2.5 is not allowed"),
+        # header
+        ("", "the file is empty"),
+        (b"\xef\xbb\xbf\r\n", "the file is empty"),
+        (HEADER, "the file has a header but no rows. Add the readings"),
+        (HEADER + "\n\n\n", "the file has a header but no rows"),
+        ("\n" + GOOD, "line 1 is empty. It must be the header"),
+        ("\n".join(ROWS), "is not a header. The first line must name the columns"),
+        ("# made today\n" + GOOD, "is not a header"),
+        (GOOD.replace("value", "val"), "line 1, column value: this required column is missing"),
+        (GOOD.replace("value", "val"), "Is it the one named 'val'? Rename that to 'value'"),
+        (GOOD.replace("theta_r_deg", "Theta_R_Deg"), "Is it the one named 'Theta_R_Deg'?"),
+        (GOOD.replace("theta_r_deg", "out"), "column theta_r_deg: this required column is missing"),
+        (GOOD.replace("sample,", "probe,", 1), "Add it; required are sample, wavelength_um,"),
+        (GOOD.replace("wavelength_um", "value"), "column value: the header names it 2 times"),
+        # the file
+        (GOOD.replace(",", ";"), "separated by semicolons, not by commas. Convert them"),
+        (GOOD.replace(",", ";"), "sed 's/,/./g; s/;/,/g' OLD.csv > NEW.csv"),
+        (GOOD.replace(",", ";").replace(".", ","), "separated by semicolons"),
+        (GOOD.replace(",", "\t"), "separated by tabs"),
+        (GOOD.replace(",", "|"), "separated by bars"),
+        (GOOD.replace(",", " "), "separated by spaces"),
+        (table(ROWS[0].replace(",", ";")), "line 2: 1 cell where the header has 7. Separate"),
+        (table(*ROWS, "green,3.39"), "line 5: 2 cells where the header has 7. Fill in the missing"),
+        (table(ROWS[0] + ",1"), "line 2: 8 cells where the header has 7"),
+        (table(ROWS[0], '"green,3.39'), "line 3: the quotes around a cell are broken"),
+        (table('"gr"een,3.39,brdf,s,20,10,0.02'), "line 2: the quotes around a cell are broken"),
+        (GOOD.replace("green", "gr\xfcn").encode("latin-1"), "line 2: byte 0xFC (at byte 75)"),
+        (with_cell("note", "\xb5").encode("latin-1"), "byte 0xB5 (at byte 107) is not UTF-8"),
+        (GOOD.encode("utf-16"), "this is text in UTF-16, not a CSV file. Save the file as UTF-8"),
+        (GOOD.encode("utf-16-be"), "line 1 has a zero byte (at byte 0): a binary file"),
+        (b"\x1f\x8b\x08\x00", "this is a gzip archive, not a CSV file. Unpack it first: gunzip"),
+        (b"PK\x03\x04...", "a zip archive or a spreadsheet"),
+        ("x" * 100_000, "line 1 is 100000 bytes long (allowed: up to 65536)"),
+        (table(ROWS[0], "," * 100_000), "line 3 is 100000 bytes long"),
+        # choices
+        (table(*ROWS, ROWS[0].replace("green", "red")), "the file has 2 samples. Choose one (sam"),
+        (table(*ROWS, ROWS[0].replace("green", "red")), "--sample): 'green', 'red'"),
+        (table(*ROWS, ROWS[0].replace("3.39", "4.5")), "'green' has 3.39, 4.5 um. Choose one (wav"),
+        (table(*(row + ",bad" for row in ROWS), header=HEADER + ",flag"), "every row is flagged"),
+    ],
+)
+def test_refused(write, content, expected):
+    with pytest.raises(DataError, match=re.escape(expected)) as info:
+        read_measurement(write(content))
+    assert "green.csv: " in str(info.value)
+    assert "nothing was read" in str(info.value)
+
+
+@pytest.mark.parametrize("name", [name for name in REQUIRED if name != "value"])
+def test_missing_column(write, name):
+    content = re.sub(rf"\b{name}\b", "zzz", GOOD)
+    with pytest.raises(DataError, match=f"line 1, column {name}: this required column is missing"):
+        read_measurement(write(content))
+
+
+def test_all_problems_are_counted_and_the_first_twenty_listed(write):
+    bad = "green,3.39,brdf,q,200,x,-1"
+    with pytest.raises(DataError, match=r"green\.csv: 200000 problems") as info:
+        read_measurement(write(table(*[bad] * 50_000)))
+    lines = str(info.value).splitlines()
+    assert len(lines) == 22
+    assert lines[-1] == "  ... and 199980 more."
+    assert [line.split(",")[0].strip() for line in lines[1:6]] == ["line 2"] * 4 + ["line 3"]
+
+
+def test_problems_of_every_kind_are_listed_in_the_order_of_the_file(write):
+    content = table(ROWS[0], "green,3.39", with_cell("value", "x").splitlines()[1], ROWS[0] + ",1")
+    with pytest.raises(DataError, match="3 problems") as info:
+        read_measurement(write(content))
+    assert re.findall(r"line (\d+)", str(info.value)) == ["3", "4", "5"]
+
+
+def test_line_numbers_count_blank_lines_and_line_breaks_in_quotes(write):
+    broken = '"gr\nee\r\nn",3.39,brdf,s,20,10,0.02'
+    content = table(ROWS[0], "", broken, "", ROWS[0].replace("0.02", "x"))
+    with pytest.raises(DataError, match=r"line 4, column sample: 'gr\\nee\\r\\nn'") as info:
+        read_measurement(write(content))
+    assert "line 8, column value: 'x'" in str(info.value)
+
+
+def test_message_shows_no_control_characters_and_no_endless_cells(write):
+    with pytest.raises(DataError, match="column value") as info:
+        read_measurement(write(with_cell("value", "\x1b[31m" + "9x" * 1000)))
+    assert "\x1b" not in str(info.value)
+    assert len(str(info.value)) < 300
+
+
+def test_missing_file_names_a_similar_one(write):
+    file = write(GOOD)
+    with pytest.raises(DataError, match=r"there is no such file\. Did you mean 'green\.csv'\?"):
+        read_measurement(file.with_name("gren.csv"))
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"), [(".", "this is a folder"), ("a\0b", "cannot be read")]
+)
+def test_unreadable_file(tmp_path, name, reason):
+    with pytest.raises(DataError, match=reason):
+        read_measurement(tmp_path / name)
+
+
+@pytest.mark.parametrize("floor", [-1.0, float("nan"), float("inf")])
+def test_brdf_floor_out_of_range(write, floor):
+    with pytest.raises(ConfigError, match=r"brdf_floor = .* give a BRDF"):
+        read_measurement(write(GOOD), brdf_floor=floor)
+
+
+@pytest.mark.parametrize("value", ["0", "-0.003", "1e-9"])
+def test_a_floor_admits_readings_of_zero_or_less(write, value):
+    m = read_measurement(write(with_cell("value", value)), brdf_floor=1e-4)
+    assert m.brdf.value.tolist() == [0.01, float(value)]
+
+
+def test_a_floor_does_not_admit_nan(write):
+    with pytest.raises(DataError, match=r"column value: nan is not allowed .allowed: a finite"):
+        read_measurement(write(with_cell("value", "nan")), brdf_floor=1e-4)
+
+
+def test_flagged_rows_are_counted_and_not_checked(write):
+    rows = [
+        ROWS[0] + ",ok",
+        ROWS[1] + ",",
+        "green,x,y,z,,q,hello,obscured",
+        ",,,,,,,obscured",
+        "green,3.39,brdf,s,200,10,-5,Lamp",
+        "green,4.5,brdf,s,200,10,-5,lamp",
+    ]
+    m = read_measurement(write(table(*rows, header=HEADER + ",flag")))
+    assert m.n_obs == 2
+    assert dict(m.excluded) == {"obscured": 2, "Lamp": 1}
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (
+            with_cell("value", "1.02", row=2),
+            "1 DHR reading outside 0 to 1 accepted as noise (line 4",
+        ),
+        (with_cell("value", "-0.02", row=2), "1 DHR reading outside 0 to 1"),
+        (table(*ROWS, ROWS[0]), "1 row identical to an earlier one (first: line 5 equals line 2)"),
+        (table(*ROWS, ROWS[2]), "(first: line 5 equals line 4)"),
+        (
+            with_cell("sigmaa", "1"),
+            "column 'sigmaa' is not part of the format and was not read. Did",
+        ),
+        (with_cell("sigmaa", "1"), "Did you mean 'sigma'?"),
+        (with_cell("operator", "me"), "column 'operator' is not part of the format"),
+        (
+            table("g,3.39,brdf,s,0.3,0.3,0.02", "g,3.39,brdf,s,0.3,-1.5,0.02"),
+            "all angles lie within 1.5 in absolute value: are they in radians?",
+        ),
+        (GOOD.replace("3.39", "3390"), "wavelength_um is 3390: is it in nanometres?"),
+    ],
+)
+def test_warned(write, content, expected):
+    (warning,) = read_measurement(write(content)).warnings
+    assert expected in warning
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        ["g,3.39,brdf,s,0,0,0.02", "g,3.39,brdf,s,0,1.5,0.02"],
+        ["g,3.39,brdf,s,1,1,0.02", "g,3.39,brdf,s,1,-2,0.02"],
+        [ROWS[0], ROWS[0].replace("0.02", "0.021")],
+    ],
+)
+def test_not_warned(write, rows):
+    assert read_measurement(write(table(*rows))).warnings == ()
+
+
+TWO = table(
+    *ROWS,
+    "red,3.39,brdf,s,20,10,0.02",
+    "red,4.5,brdf,s,20,10,0.03",
+    "Blue,4.5,dhr,s,20,,0.5",
+)
+
+
+def test_sample_and_wavelength_are_chosen(write):
+    file = write(TWO)
+    assert read_measurement(file, sample="green").n_obs == 3
+    assert read_measurement(file, sample="red", wavelength_um=4.5).brdf.value.tolist() == [0.03]
+    assert read_measurement(file, sample="Blue").dhr.value.tolist() == [0.5]
+
+
+@pytest.mark.parametrize(
+    ("choice", "expected"),
+    [
+        (
+            {"sample": "blue"},
+            "'blue' has no rows to use. Did you mean 'Blue'? The file has: 'Blue'",
+        ),
+        ({"sample": "red"}, "sample 'red' has 3.39, 4.5 um. Choose one"),
+        (
+            {"sample": "red", "wavelength_um": 5.0},
+            "5 um was not measured: sample 'red' has 3.39, 4",
+        ),
+    ],
+)
+def test_choice_that_is_not_there(write, choice, expected):
+    with pytest.raises(DataError, match=re.escape(expected)):
+        read_measurement(write(TWO), **choice)
+
+
+def test_read_samples_gives_all_of_them(write):
+    file = read_samples(write(TWO))
+    assert list(file.measurements) == [("Blue", 4.5), ("green", 3.39), ("red", 3.39), ("red", 4.5)]
+    assert (file.n_rows, file.n_problems, dict(file.errors), file.message) == (6, 0, {}, "")
+
+
+def test_one_bad_sample_leaves_the_others(write):
+    content = table(*ROWS, "red,3.39,brdf,s,20,10,-1", "red,3.39,brdf,s,95,10,1")
+    file = read_samples(write(content))
+    assert list(file.measurements) == [("green", 3.39)]
+    assert "sample 'red' was not read: 2 rows with problems from line 5 on" in file.errors["red"]
+    assert "line 6, column theta_i_deg: 95" in file.errors["red"]
+    assert file.message.startswith(str(write(content)))
+    assert (file.n_problems, [p.line for p in file.problems]) == (2, [5, 6])
+    with pytest.raises(DataError, match="2 problems"):
+        read_measurement(write(content), sample="green")
+
+
+def test_a_sample_with_all_rows_flagged_is_an_error_of_its_own(write):
+    rows = [row + ",ok" for row in ROWS] + ["red,3.39,brdf,s,20,10,1,bad"]
+    file = read_samples(write(table(*rows, header=HEADER + ",flag")))
+    assert list(file.errors) == ["red"]
+    assert "every row is flagged" in file.errors["red"]
+    assert (file.message, list(file.measurements)) == ("", [("green", 3.39)])
+
+
+@pytest.mark.parametrize("row", ["green,3.39", ",3.39,brdf,s,20,10,1"])
+def test_rows_of_no_sample_refuse_the_whole_file(write, row):
+    with pytest.raises(DataError, match="line 5"):
+        read_samples(write(table(*ROWS, row)))
+
+
+def test_repeated_geometries_are_kept(write):
+    m = read_measurement(write(table(*ROWS, ROWS[0].replace("0.02", "0.022"))))
+    assert m.brdf.value.tolist() == [0.01, 0.02, 0.022]
+
+
+def test_dhr_alone_needs_no_theta_r_column(write):
+    header = HEADER.replace(",theta_r_deg", "")
+    assert read_measurement(write(table("g,3.39,dhr,s,20,0.5", header=header))).n_obs == 1
+
+
+def test_optional_columns(write):
+    header = HEADER + ",sigma,n_repeats,phi_r_deg,scan"
+    m = read_measurement(
+        write(table(ROWS[0] + ",0.004,4,90,a", ROWS[0] + ",0.004,,,", header=header))
+    )
+    assert [scan.label for scan in m.scans] == ["s 20 deg", "s 20 deg phi 90 deg a"]
+    assert m.brdf.u_value.tolist() == [0.004, 0.002]
+    assert m.brdf.repeated.tolist() == [False, True]
+
+
+# Writing
+
+
+def test_written_columns_are_in_the_order_of_the_format(tmp_path):
+    file = tmp_path / "out.csv"
+    columns = dict.fromkeys(reversed(COLUMNS), 1.0)
+    words = {"sample": "a", "quantity": "brdf", "polarization": "s", "scan": "1", "flag": "ok"}
+    write_tidy_csv({**columns, **words}, file)
+    assert file.read_text().splitlines() == [
+        ",".join(COLUMNS),
+        "a,1.0,brdf,s,1.0,1.0,1.0,1.0,1.0,1.0,1,ok",
+    ]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["out.csv"]
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"valu": 1.0}, "column 'valu' is not part of the format. Did you mean 'value'?"),
+        (
+            {"value": [1.0, 2.0], "theta_i_deg": [1.0, 2.0, 3.0]},
+            "differ in length: sample 1, wavelen",
+        ),
+    ],
+)
+def test_columns_that_cannot_be_written(tmp_path, change, expected):
+    columns = {"sample": "a", "wavelength_um": 1.0, "quantity": "brdf", "polarization": "s"}
+    columns |= {"theta_i_deg": 1.0, "theta_r_deg": 1.0, "value": 1.0, **change}
+    with pytest.raises(DataError, match=re.escape(expected)):
+        write_tidy_csv(columns, tmp_path / "out.csv")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_required_columns_are_asked_for(tmp_path):
+    with pytest.raises(DataError, match="missing: sample, wavelength_um"):
+        write_tidy_csv({"value": 1.0}, tmp_path / "out.csv")
+
+
+def test_folder_that_is_not_there(tmp_path, write):
+    with pytest.raises(DataError, match=r"out\.csv: the file cannot be written"):
+        write_tidy_csv(read_measurement(write(GOOD)), tmp_path / "none" / "out.csv")
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path, write, monkeypatch):
+    m, file = read_measurement(write(GOOD)), write("old", "out.csv")
+
+    def fail(self, target):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", fail)
+    with pytest.raises(DataError, match="No space left"):
+        write_tidy_csv(m, file)
+    assert file.read_text() == "old"
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["green.csv", "out.csv"]
+
+
+@given(st.text(st.characters(exclude_categories=["C"], exclude_characters="\u2028\u2029")))
+def test_guard_is_undone_and_hides_formulas(text):
+    assert unguard(guard(text)) == text
+    assert guard(text)[:1] not in set("=+-@")
+
+
+numbers = st.floats(min_value=5e-324, max_value=1.7e308, allow_subnormal=True)
+names = st.text(st.characters(exclude_categories=["C", "Z"]), min_size=1, max_size=20)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    sample=names,
+    label=names,
+    rows=st.lists(
+        st.tuples(
+            st.sampled_from("spu"),
+            st.floats(0, 89.95),
+            st.floats(-90, 90),
+            numbers,
+            st.one_of(st.just(np.nan), st.floats(0, 1e300)),
+            st.floats(-360, 360),
+        ),
+        min_size=1,
+        max_size=20,
+    ),
+    dhr=st.lists(st.floats(-0.05, 1.05), max_size=3),
+)
+def test_round_trip_is_exact(tmp_path_factory, sample, label, rows, dhr):
+    """Every number and every name comes back bit by bit."""
+    file = tmp_path_factory.mktemp("trip") / "a.csv"
+    cells = [("brdf", *row, label) for row in rows]
+    cells += [("dhr", "s", 10.0, np.nan, value, np.nan, 0.0, "") for value in dhr]
+    keys = ("quantity", "polarization", "theta_i_deg", "theta_r_deg", "value", "sigma")
+    columns = dict(zip((*keys, "phi_r_deg", "scan"), zip(*cells, strict=True), strict=True))
+    before = measurement_from_columns(sample=sample, wavelength_um=1 / 3, **columns)
+    write_tidy_csv(before, file)
+    after = read_measurement(file)
+    assert (after.sample, after.wavelength_um) == (sample, 1 / 3)
+    assert [scan.label for scan in after.scans] == [scan.label for scan in before.scans]
+    for part in ("brdf", "dhr"):
+        for name in ("polarization", "theta_i_deg", "theta_r_deg", "phi_r_deg", "value", "u_value"):
+            old, new = getattr(getattr(before, part), name), getattr(getattr(after, part), name)
+            np.testing.assert_array_equal(old, new, strict=True)
+
+
+# Anything at all
+
+cell = st.one_of(
+    st.sampled_from(
+        [
+            "",
+            "brdf",
+            "dhr",
+            "s",
+            "p",
+            "u",
+            "ok",
+            "0.5",
+            "-1",
+            "20",
+            "nan",
+            "inf",
+            "true",
+            "1_0",
+            " 3",
+        ]
+    ),
+    st.floats(0, 80).map(repr),
+    st.text(max_size=5),
+)
+tables = st.lists(st.lists(cell, min_size=6, max_size=8), max_size=8).map(
+    lambda rows: "\n".join([HEADER, *(",".join(row) for row in rows)])
+)
+
+
+def _read_or_refuse(file: Path) -> None:
+    try:
+        assert isinstance(read_measurement(file), Measurement)
+    except DataError as error:
+        assert file.name in str(error)  # noqa: PT017
+    try:
+        file_content = read_samples(file)
+    except DataError:
+        return
+    assert bool(file_content.message) == bool(file_content.n_problems)
+
+
+@settings(
+    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    content=st.one_of(
+        st.binary(max_size=200), st.text(max_size=200).map(str.encode), tables.map(str.encode)
+    )
+)
+def test_anything_is_a_measurement_or_a_data_error(tmp_path, content):
+    file = tmp_path / "any.csv"
+    file.write_bytes(content)
+    _read_or_refuse(file)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    rows=st.lists(
+        st.tuples(
+            st.sampled_from(["a", "b", " a", "'=x", "nan", "NA", "01", "1", "1.0"]),
+            st.floats(allow_infinity=False).map(lambda x: "" if np.isnan(x) else repr(x)),
+            *[st.sampled_from(["", "brdf", "s", "p "])] * 2,
+            *[st.sampled_from(["", "1", "-2.50", "1e-7", " 4", "+3", "12345678901234567890"])] * 3,
+        ),
+        min_size=1,
+        max_size=6,
+    ),
+    end=st.sampled_from(["\n", "\r\n"]),
+)
+def test_both_ways_of_reading_agree(rows, end):
+    """The fast reader gives what the careful one gives, bit by bit."""
+    data = (end.join([HEADER, *(",".join(row) for row in rows)]) + end).encode()
+    fast_books, books = new_codebooks(), new_codebooks()
+    fast = rows_from_plain(data, REQUIRED, fast_books)
+    assert fast is not None
+    cells = dict(zip(REQUIRED, zip(*rows, strict=True), strict=True))
+    careful = rows_from_cells(np.arange(len(rows)) + 2, cells, books)
+    for name in (
+        "line",
+        "wavelength_um",
+        "quantity",
+        "polarization",
+        "theta_i_deg",
+        "value",
+        "used",
+    ):
+        np.testing.assert_array_equal(getattr(fast, name), getattr(careful, name))
+    for name in ("sample", "flag"):
+        words = [np.array(b[name].words, dtype=object) for b in (fast_books, books)]
+        assert (words[0][getattr(fast, name)] == words[1][getattr(careful, name)]).all()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [table(*QUOTED), GOOD.replace("\n", "\r"), with_cell("value", "TRUE"), table(ROWS[0] + ",1")],
+)
+def test_what_is_not_plain_is_left_to_the_careful_way(content):
+    assert rows_from_plain(content.encode(), REQUIRED, new_codebooks()) is None
+
+
+# Size
+
+MEASURE = """
+import resource, sys, time
+from pbrdf_bayes.io.tidy_csv import read_measurement
+start = time.perf_counter()
+n = read_measurement(sys.argv[1]).n_obs
+seconds = time.perf_counter() - start
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+print(n, seconds, time.process_time(), peak / (1e6 if sys.platform == "darwin" else 1e3))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="needs the resource module")
+@pytest.mark.parametrize("quotes", ["", '"'])
+def test_a_million_rows(tmp_path, capsys, quotes):
+    n_rows = 1_000_000
+    rng = np.random.default_rng(1)
+    value = (10 ** rng.normal(-2, 0.5, n_rows)).tolist()
+    theta = rng.uniform(-80, 80, n_rows).round(2).tolist()
+    file = tmp_path / "large.csv"
+    with file.open("w") as out:
+        out.write(HEADER + ",sigma,scan,flag\n")
+        out.writelines(
+            f"{quotes}green{quotes},3.39,brdf,{'sp'[i % 2]},{i % 5 * 20},{t},{x!r},{x / 50:.3g},"
+            f"run {i % 3},ok\n"
+            for i, (t, x) in enumerate(zip(theta, value, strict=True))
+        )
+    done = subprocess.run(
+        [sys.executable, "-c", MEASURE, str(file)], capture_output=True, text=True, check=True
+    )
+    n, seconds, cpu, megabytes = map(float, done.stdout.split())
+    with capsys.disabled():
+        kind = "quoted" if quotes else "plain"
+        sys.stdout.write(
+            f"\n{kind}: read in {seconds:.1f} s ({cpu:.1f} s CPU), {megabytes:.0f} MB "
+        )
+    assert n == n_rows
+    assert megabytes < 1000
+
+
+# Measured files
+
+
+@pytest.mark.parametrize(
+    ("name", "n_samples", "n_used", "n_obscured"),
+    [
+        ("ua_aeroglaze_z307_650nm_mean3.csv", 1, 600, 44),
+        ("ua_aeroglaze_z307_650nm_runs.csv", 3, 1800, 132),
+        ("ua_singularity_black_650nm_mean3.csv", 1, 600, 44),
+        ("ua_anoblack_tis_as_dhr_650nm.csv", 4, 16, 0),
+    ],
+)
+def test_measured_files(shared, name, n_samples, n_used, n_obscured):
+    file = read_samples(shared / name)
+    assert file.message == ""
+    assert len(file.measurements) == n_samples
+    assert sum(m.n_obs for m in file.measurements.values()) == n_used
+    assert sum(m.excluded.get("obscured", 0) for m in file.measurements.values()) == n_obscured
+    assert all(m.warnings == () for m in file.measurements.values())
+
+
+def test_public_names():
+    assert set(tidy_csv.__all__) == {
+        "TidyFile",
+        "read_measurement",
+        "read_samples",
+        "write_tidy_csv",
+    }

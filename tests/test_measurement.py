@@ -1,0 +1,124 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pbrdf_bayes.errors import DataError
+from pbrdf_bayes.measurement import (
+    measurement_from_columns,
+    name_direction,
+    select_scans,
+)
+
+COLUMNS = ("quantity", "polarization", "theta_i_deg", "theta_r_deg", "value", "phi_r_deg", "scan")
+ROWS = [
+    ("dhr", "p", 30.0, np.nan, 0.30, 0.0, ""),
+    ("brdf", "p", 20.0, 5.0, 0.05, 0.0, ""),
+    ("brdf", "s", 20.0, 10.0, 0.02, 0.0, ""),
+    ("brdf", "s", 20.0, -10.0, 0.01, 0.0, ""),
+    ("dhr", "s", 40.0, np.nan, 0.40, 0.0, ""),
+    ("dhr", "s", 10.0, np.nan, 0.10, 0.0, ""),
+    ("brdf", "u", 0.0, 0.0, 0.06, 0.0, ""),
+    ("brdf", "s", 20.0, 0.0, 0.03, 90.0, ""),
+    ("brdf", "s", 20.0, 0.0, 0.04, 0.0, "b"),
+]
+
+
+def build(rows=ROWS, **extra):
+    columns = dict(zip(COLUMNS, zip(*rows, strict=True), strict=True))
+    return measurement_from_columns(
+        sample="a", wavelength_um=3.39, row=np.arange(len(rows)) + 2, **columns, **extra
+    )
+
+
+def test_scans_are_ordered_by_incidence_then_polarisation_azimuth_and_label():
+    m = build()
+    assert [(scan.label, scan.start, scan.stop) for scan in m.scans] == [
+        ("u 0 deg", 0, 1),
+        ("s 20 deg", 1, 3),
+        ("s 20 deg b", 3, 4),
+        ("s 20 deg phi 90 deg", 4, 5),
+        ("p 20 deg", 5, 6),
+    ]
+    assert m.brdf.theta_r_deg.tolist() == [0, -10, 10, 0, 0, 5]
+    assert m.brdf.row.tolist() == [8, 5, 4, 10, 9, 3]
+    assert [len(scan) for scan in m.scans] == [1, 2, 1, 1, 1]
+
+
+def test_dhr_rows_are_ordered_by_polarisation_and_angle():
+    m = build()
+    assert m.dhr.polarization.tolist() == ["s", "s", "p"]
+    assert m.dhr.theta_i_deg.tolist() == [10, 40, 30]
+    assert np.isnan(m.dhr.theta_r_deg).all()
+    assert m.n_obs == len(m.brdf) + len(m.dhr) == len(ROWS)
+
+
+@given(st.permutations(ROWS))
+def test_order_of_the_rows_does_not_matter(rows):
+    m, other = build(), build(rows)
+    assert [scan.label for scan in m.scans] == [scan.label for scan in other.scans]
+    np.testing.assert_array_equal(m.brdf.value, other.brdf.value)
+    np.testing.assert_array_equal(m.dhr.value, other.dhr.value)
+
+
+def test_repeated_geometries_keep_the_order_of_the_file():
+    m = build([("brdf", "s", 0.0, 5.0, value, 0.0, "") for value in (3.0, 1.0, 2.0)])
+    assert m.brdf.value.tolist() == [3, 1, 2]
+    assert len(m.scans) == 1
+
+
+def test_many_scan_labels():
+    rows = [("brdf", "s", 0.0, 5.0, 1.0, 0.0, f"{i:05d}") for i in range(40_000)]
+    m = build(rows[::-1])
+    assert [scan.label for scan in m.scans[:2]] == ["s 0 deg 00000", "s 0 deg 00001"]
+    assert len(m.scans) == 40_000
+
+
+def test_uncertainty_of_repeats_is_that_of_their_mean():
+    rows = [("brdf", "s", 0.0, float(i), 1.0, 0.0, "") for i in range(4)]
+    m = build(rows, sigma=[0.4, 0.4, 0.4, np.nan], n_repeats=[np.nan, 1, 4, np.nan])
+    np.testing.assert_array_equal(m.brdf.u_value, [0.4, 0.4, 0.2, np.nan])
+    assert m.brdf.repeated.tolist() == [False, False, True, False]
+
+
+def test_no_rows_are_refused():
+    with pytest.raises(DataError, match=r"a\.csv: no usable rows for sample 'x'"):
+        measurement_from_columns(
+            sample="x", wavelength_um=1.0, quantity=[], polarization=[], theta_i_deg=[],
+            theta_r_deg=[], value=[], source="a.csv",
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize("dhr", [True, False])
+def test_select_scans(dhr):
+    m = build()
+    keep = np.array([scan.polarization == "s" for scan in m.scans])
+    part = select_scans(m, keep, dhr=dhr)
+    assert [(scan.label, scan.start, scan.stop) for scan in part.scans] == [
+        ("s 20 deg", 0, 2),
+        ("s 20 deg b", 2, 3),
+        ("s 20 deg phi 90 deg", 3, 4),
+    ]
+    assert part.brdf.row.tolist() == [5, 4, 10, 9]
+    assert len(part.dhr) == (3 if dhr else 0)
+    for scan in part.scans:
+        assert set(part.brdf.phi_r_deg[scan.rows]) == {scan.phi_r_deg}
+
+
+def test_select_no_scan_at_all():
+    m = build()
+    part = select_scans(m, np.zeros(len(m.scans), dtype=bool), dhr=True)
+    assert (len(part.brdf), part.scans, part.n_obs) == (0, (), 3)
+
+
+@pytest.mark.parametrize(
+    ("direction", "name"),
+    [
+        (("s", 20.0, 0.0), "s 20 deg"),
+        (("p", 0.25, -90.0), "p 0.25 deg phi -90 deg"),
+    ],
+)
+def test_name_direction(direction, name):
+    assert name_direction(*direction) == name
