@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.physics.brdf import prepare_geometry
@@ -95,6 +96,15 @@ def predict_bands(
     )
 
 
+def stratified_normal(rng: np.random.Generator, shape: tuple[int, int]) -> Array:
+    """Standard normal numbers, each column a random order of evenly spaced quantiles.
+
+    Quantiles over the rows are then smooth with a few hundred rows.
+    """
+    quantiles = ndtri((np.arange(shape[0]) + 0.5) / shape[0])
+    return np.asarray(rng.permuted(np.tile(quantiles[:, None], (1, shape[1])), axis=0))
+
+
 def replicate_brdf(
     posterior: Posterior, draws: Array, curves: Array, targets: Targets, rng: np.random.Generator
 ) -> Array:
@@ -109,13 +119,13 @@ def replicate_brdf(
     keys = np.stack([targets.theta_i_deg, targets.phi_r_deg], axis=1)
     _, scan = np.unique(keys, axis=0, return_inverse=True)
     scan = 3 * scan.ravel() + np.searchsorted(["p", "s", "u"], targets.polarization)
-    gains = rng.standard_normal((len(draws), int(scan.max(initial=0)) + 1))
+    gains = stratified_normal(rng, (len(draws), int(scan.max(initial=0)) + 1))
     gain = min(np.sqrt(posterior.rows.u_cal2), 1.0) * gains[:, scan]
     floor = posterior.config.brdf_floor
     f2 = np.maximum(curves, 1e-280) ** 2
     sd = np.sqrt(noise**2 + floor**2 / (f2 + floor**2))
     return np.asarray(
-        np.exp(0.5 * np.log(f2 + floor**2) + gain + sd * rng.standard_normal(curves.shape))
+        np.exp(0.5 * np.log(f2 + floor**2) + gain + sd * stratified_normal(rng, curves.shape))
     )
 
 
@@ -133,5 +143,5 @@ def replicate_dhr(
     else:
         noise = np.zeros((len(draws), 1))
     group = np.searchsorted(["p", "s", "u"], polarization)
-    gain = posterior.config.u_dhr_cal * rng.standard_normal((len(draws), 3))[:, group]
-    return np.asarray(curves * (1.0 + gain) + noise * rng.standard_normal(curves.shape))
+    gain = posterior.config.u_dhr_cal * stratified_normal(rng, (len(draws), 3))[:, group]
+    return np.asarray(curves * (1.0 + gain) + noise * stratified_normal(rng, curves.shape))

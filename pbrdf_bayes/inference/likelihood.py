@@ -153,6 +153,13 @@ def _moments(y: Array, log_f: Array, direction: Index, out: Array) -> tuple[floa
 
 
 @compiled()
+def _weigh(residual: Array, gain: float, precision: float) -> None:
+    """Residuals to slopes of the log-likelihood by ln f."""
+    for i in range(residual.size):
+        residual[i] = (residual[i] - gain) * precision
+
+
+@compiled()
 def _plain_scan(
     total: float, squares: float, n: int, s_rel: float, u_cal2: float
 ) -> tuple[float, float, float]:
@@ -354,8 +361,7 @@ def iid_gradient(
                 s1, s2 = _moments(rows.y[a:b], log_f, direction, work[a:b])
                 value, gain, by_v = _plain_scan(s1, s2, b - a, s_rel, rows.u_cal2)
                 slope = 2.0 * s_rel * by_v
-                for i in range(a, b):
-                    work[i] = (work[i] - gain) / (s_rel * s_rel)
+                _weigh(work[a:b], gain, 1.0 / (s_rel * s_rel))
             else:
                 value, slope = _scan_with_floor(
                     rows.y[a:b], log_f, direction, rows.u2[a:b], rows.censored[a:b], s_rel, rows,
@@ -363,7 +369,7 @@ def iid_gradient(
                 )  # fmt: skip
             total += value
             out[rows.noise_column[scan]] += slope
-            weight += add_scan_slopes(geometry, found, a, b, work, sums)
+            weight += add_scan_slopes(geometry, found, a, work[a:b], sums)
         to_parameters(sums[0], sums[1], sums[2], surf, physical)
         out[0] += physical[0]
         out[1] += physical[1]

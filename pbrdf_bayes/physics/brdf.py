@@ -161,15 +161,22 @@ def buffers(n_directions: int, n_incidence: int, n_series: int) -> Buffers:
 
 
 @compiled()
-def _log_scaled(a: int, b: int, scale: float, lobe: Array, out: Array) -> None:
-    for i in range(a, b):
+def _log_scaled(scale: float, lobe: Array, out: Array) -> None:
+    for i in range(out.size):
         out[i] = log(max(scale * lobe[i], TINY))
 
 
 @compiled()
-def _log_mean(a: int, b: int, scale_s: float, scale_p: float, lobe: Array, out: Array) -> None:
-    for i in range(a, b):
-        out[i] = log(max(0.5 * (scale_s * lobe[0, i] + scale_p * lobe[1, i]), TINY))
+def _log_mean(scale_s: float, scale_p: float, lobe_s: Array, lobe_p: Array, out: Array) -> None:
+    for i in range(out.size):
+        out[i] = log(max(0.5 * (scale_s * lobe_s[i] + scale_p * lobe_p[i]), TINY))
+
+
+@compiled()
+def _share(scale_s: float, scale_p: float, lobe_s: Array, lobe_p: Array, out: Array) -> None:
+    for i in range(out.size):
+        part_s = scale_s * lobe_s[i]
+        out[i] = part_s / max(part_s + scale_p * lobe_p[i], TINY)
 
 
 @compiled()
@@ -221,16 +228,15 @@ def log_brdf(
             else:
                 fill_lobes(geometry.directions, 4, a, b, surf, out.across)
             _multiply_across(n_series, a, b, out.lobes, out.across)
+        lobe_s, lobe_p = out.lobes[0][a:b], out.lobes[1][a:b]
         if geometry.wanted[j, 0]:
-            _log_scaled(a, b, scale_s, out.lobes[0], out.log_f[0])
+            _log_scaled(scale_s, lobe_s, out.log_f[0][a:b])
         if geometry.wanted[j, 1]:
-            _log_scaled(a, b, scale_p, out.lobes[1], out.log_f[1])
+            _log_scaled(scale_p, lobe_p, out.log_f[1][a:b])
         if geometry.wanted[j, 2]:
-            _log_mean(a, b, scale_s, scale_p, out.lobes, out.log_f[2])
+            _log_mean(scale_s, scale_p, lobe_s, lobe_p, out.log_f[2][a:b])
         if n_series == SLOPES:
-            for i in range(a, b):
-                part_s = scale_s * out.lobes[0, i]
-                out.share_s[i] = part_s / max(part_s + scale_p * out.lobes[1, i], TINY)
+            _share(scale_s, scale_p, lobe_s, lobe_p, out.share_s[a:b])
 
 
 @compiled()
@@ -298,28 +304,27 @@ def _gathered_dot(weights: Array, values: Array, index: Index) -> float:
 
 @compiled()
 def add_scan_slopes(
-    geometry: Geometry, found: Buffers, a: int, b: int, weights: Array, sums: Array
+    geometry: Geometry, found: Buffers, first: int, weights: Array, sums: Array
 ) -> float:
-    """Add sum of weight times slope of ln f over the rows a..b of one scan to ``sums`` (3,).
+    """Add sum of weight times slope of ln f over the rows of one scan to ``sums`` (3,).
 
-    Returns the sum of the weights, the slope by ln(sigma_n0).
+    ``first`` is the first row of the scan. Returns the sum of the weights.
     """
-    q, inc = geometry.row_polarization[a], geometry.row_incidence[a]
+    q, inc = geometry.row_polarization[first], geometry.row_incidence[first]
+    index = geometry.row_direction[first : first + weights.size]
     total = 0.0
+    for i in range(weights.size):
+        total += weights[i]
     if q == 2:
-        for i in range(a, b):
-            re, im, width = row_slopes(geometry, found, i)
+        for i in range(weights.size):
+            re, im, width = row_slopes(geometry, found, first + i)
             sums[0] += weights[i] * re
             sums[1] += weights[i] * im
             sums[2] += weights[i] * width
-            total += weights[i]
         return total
-    for i in range(a, b):
-        total += weights[i]
-    index = geometry.row_direction[a:b]
     for j in range(3):
         sums[j] += total * found.scale_slopes[inc, q, j]
-        sums[j] += _gathered_dot(weights[a:b], found.lobes[2 + 3 * q + j], index)
+        sums[j] += _gathered_dot(weights, found.lobes[2 + 3 * q + j], index)
     return total
 
 

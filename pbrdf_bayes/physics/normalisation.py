@@ -154,21 +154,23 @@ def expansion_order(length: float, digits: float) -> int:
 def fill_lobes(geometry: Array, first: int, a: int, b: int, surf: Surface, out: Array) -> None:
     """Lobes of s and p at the columns a..b of ``out``; x, c, offset, h from row ``first`` on.
 
-    Columns are given by their ends and not as slices: the compiler vectorises whole rows only.
+    Rows are cut to contiguous one-dimensional arrays first: the compiler vectorises no other loop.
     """
-    x, c, offset, h = geometry[first], geometry[first + 1], geometry[first + 2], geometry[first + 3]
-    lobe_s, lobe_p = out[0], out[1]
-    for i in range(a, b):
+    x, c = geometry[first][a:b], geometry[first + 1][a:b]
+    offset, h = geometry[first + 2][a:b], geometry[first + 3][a:b]
+    lobe_s, lobe_p = out[0][a:b], out[1][a:b]
+    for i in range(x.size):
         lobe_s[i], lobe_p[i] = lobes(x[i], c[i], offset[i], h[i], surf)
 
 
 @compiled()
 def fill_slopes(geometry: Array, first: int, a: int, b: int, surf: Surface, out: Array) -> None:
     """The eight fields of `LobeSlopes`, arguments as for `fill_lobes`."""
-    x, c, offset, h = geometry[first], geometry[first + 1], geometry[first + 2], geometry[first + 3]
-    r0, r1, r2, r3 = out[0], out[1], out[2], out[3]
-    r4, r5, r6, r7 = out[4], out[5], out[6], out[7]
-    for i in range(a, b):
+    x, c = geometry[first][a:b], geometry[first + 1][a:b]
+    offset, h = geometry[first + 2][a:b], geometry[first + 3][a:b]
+    r0, r1, r2, r3 = out[0][a:b], out[1][a:b], out[2][a:b], out[3][a:b]
+    r4, r5, r6, r7 = out[4][a:b], out[5][a:b], out[6][a:b], out[7][a:b]
+    for i in range(x.size):
         t = lobe_slopes(x[i], c[i], offset[i], h[i], surf)
         r0[i], r1[i], r2[i], r3[i] = t.s, t.p, t.s_re, t.s_im
         r4[i], r5[i], r6[i], r7[i] = t.s_width, t.p_re, t.p_im, t.p_width
@@ -244,14 +246,14 @@ def _place_peak_nodes(
     Comes with v in row 5 and the step of v times the Gauss weight in row 4; the first
     ``n_backward`` nodes are on the backward side.
     """
-    x_row, c_row, offset_row = ws.nodes[0], ws.nodes[1], ws.nodes[2]
-    h_row, weight_row, u_row = ws.nodes[3], ws.nodes[4], ws.nodes[5]
+    x_row, c_row, offset_row = ws.nodes[0][a:b], ws.nodes[1][a:b], ws.nodes[2][a:b]
+    h_row, weight_row, u_row = ws.nodes[3][a:b], ws.nodes[4][a:b], ws.nodes[5][a:b]
     inverse_rho0 = 1.0 / surf.rho0
     short_i = inc.cosine * inc.cosine / (1.0 + inc.sine)
     half_width = 0.5 * width
-    for i in range(a, b):
+    for i in range(x_row.size):
         e = exp(u_row[i])
-        sign = -1.0 if i < a + n_backward else 1.0
+        sign = -1.0 if i < n_backward else 1.0
         inverse = 1.0 / e
         delta = sign * half_width * (e - inverse)
         sh, ch = half_sincos(delta)
@@ -277,15 +279,15 @@ def _place_edge_nodes(
     inc: Incidence, n_backward: int, a: int, b: int, surf: Surface, scale_u: float, ws: Workspace
 ) -> None:
     """Geometry of the nodes a..b around grazing: |t| = pi/2 - rho0 sinh u; rows as for the peak."""
-    x_row, c_row, offset_row = ws.nodes[0], ws.nodes[1], ws.nodes[2]
-    h_row, weight_row, u_row = ws.nodes[3], ws.nodes[4], ws.nodes[5]
+    x_row, c_row, offset_row = ws.nodes[0][a:b], ws.nodes[1][a:b], ws.nodes[2][a:b]
+    h_row, weight_row, u_row = ws.nodes[3][a:b], ws.nodes[4][a:b], ws.nodes[5][a:b]
     short_i = inc.cosine * inc.cosine / (1.0 + inc.sine)
     grazing_half, _ = half_sincos(inc.grazing)
     half_rho0 = 0.5 * surf.rho0
-    for i in range(a, b):
+    for i in range(x_row.size):
         u = u_row[i]
         e = exp(u)
-        forward = i >= a + n_backward
+        forward = i >= n_backward
         inverse = 1.0 / e
         sh, ch = half_sincos(half_rho0 * (e - inverse))
         cos_t = 2.0 * sh * ch
@@ -345,9 +347,10 @@ def _sum_expansions(n: int, m: int, n_series: int, ws: Workspace) -> None:
         basis[i] = 1.0
         basis[n + i] = 2.0 * u[i] - 1.0
     for j in range(2, m):
-        before, last, new = (j - 2) * n, (j - 1) * n, j * n
+        before, last = basis[(j - 2) * n : (j - 1) * n], basis[(j - 1) * n : j * n]
+        new = basis[j * n : (j + 1) * n]
         for i in range(n):
-            basis[new + i] = (4.0 * u[i] - 2.0) * basis[last + i] - basis[before + i]
+            new[i] = (4.0 * u[i] - 2.0) * last[i] - before[i]
     for q in range(n_series):
         row = ws.sums[q]
         for i in range(n):
@@ -355,11 +358,10 @@ def _sum_expansions(n: int, m: int, n_series: int, ws: Workspace) -> None:
         for j in range(0, m, 4):
             c0, c1 = ws.coefficients[q, j], ws.coefficients[q, j + 1]
             c2, c3 = ws.coefficients[q, j + 2], ws.coefficients[q, j + 3]
-            a, b, c, d = j * n, (j + 1) * n, (j + 2) * n, (j + 3) * n
+            t0, t1 = basis[j * n : (j + 1) * n], basis[(j + 1) * n : (j + 2) * n]
+            t2, t3 = basis[(j + 2) * n : (j + 3) * n], basis[(j + 3) * n : (j + 4) * n]
             for i in range(n):
-                row[i] += (
-                    c0 * basis[a + i] + c1 * basis[b + i] + c2 * basis[c + i] + c3 * basis[d + i]
-                )
+                row[i] += c0 * t0[i] + c1 * t1[i] + c2 * t2[i] + c3 * t3[i]
 
 
 @compiled(reassociate=True)
