@@ -6,12 +6,13 @@ For the rows a of scan j with model BRDF f, gain c_j and instrument floor b (noi
     c_j ~ N(0, u_cal^2)
 
 s_q is the inferred relative noise of polarisation q and u_a what the laboratory stated. Readings
-at or below the floor are censored: they contribute the probability of falling there. DHR readings
+at or below the floor are censored: they contribute the probability of falling there, the gain of
+their scan integrated by Gauss-Hermite quadrature. DHR readings
 D_a of polarisation q share a gain:
 
     D_a = g_q D_q(theta_a) + noise,   g_q ~ N(1, u_dhr_cal^2)
 
-Both gains are marginalised analytically (rank-one update of a diagonal covariance). Rows are
+Gains are otherwise marginalised analytically (rank-one update of a diagonal covariance). Rows are
 taken as independent given these; a misfit correlated along theta_r makes the result too narrow.
 """
 
@@ -45,6 +46,10 @@ _LN_2PI = scalar_log(2.0 * pi)
 _TINY = 1e-280
 RELATIVE_SCALE = 10.0
 """u_cal where the scale of a scan is free: a factor exp(10) either way."""
+
+
+_GAIN_NODES, _GAIN_WEIGHTS = np.polynomial.hermite_e.hermegauss(24)
+_GAIN_LOG_WEIGHTS = np.log(_GAIN_WEIGHTS / np.sqrt(2.0 * np.pi))
 
 
 class Rows(NamedTuple):
@@ -179,6 +184,41 @@ def _plain_scan(
 
 
 @compiled()
+def _floored(log_f: float, u2: float, s_rel: float, floor2: float) -> tuple[float, float, float]:
+    """Mean and variance of ln(reading) without the gain, and d mean / d ln f."""
+    f2 = np.exp(2.0 * max(log_f, -300.0))
+    with_floor = f2 + floor2
+    variance = s_rel * s_rel + u2 + floor2 / with_floor
+    return 0.5 * scalar_log(with_floor), variance, f2 / with_floor
+
+
+@compiled()
+def _censored_nodes(
+    y: Array, log_f: Array, direction: Index, u2: Array, censored: NDArray[np.bool_],
+    s_rel: float, rows: Rows, gain: float, gain_sd: float, share: Array,
+) -> float:  # fmt: skip
+    """Log-probability of all censored readings, the gain ~ N(gain, gain_sd^2) integrated out.
+
+    Gauss-Hermite quadrature; the posterior shares of its nodes go into ``share``.
+    """
+    for k in range(share.size):
+        share[k] = _GAIN_LOG_WEIGHTS[k]
+        for i in range(y.size):
+            if censored[i]:
+                mean, v, _ = _floored(log_f[direction[i]], u2[i], s_rel, rows.floor2)
+                z = (y[i] - mean - gain - gain_sd * _GAIN_NODES[k]) / sqrt(v)
+                share[k] += log_normal_cdf(z)
+    largest = share.max()
+    total = 0.0
+    for k in range(share.size):
+        share[k] = np.exp(share[k] - largest)
+        total += share[k]
+    for k in range(share.size):
+        share[k] /= total
+    return largest + scalar_log(total)
+
+
+@compiled()
 def _scan_with_floor(
     y: Array, log_f: Array, direction: Index, u2: Array, censored: NDArray[np.bool_],
     s_rel: float, rows: Rows, out: Array,
@@ -191,41 +231,55 @@ def _scan_with_floor(
     chi2 = 0.0
     weights = 0.0
     value = 0.0
+    any_censored = False
     for i in range(y.size):
-        f2 = np.exp(2.0 * max(log_f[direction[i]], -300.0))
-        with_floor = f2 + rows.floor2
-        v = s_rel * s_rel + u2[i] + rows.floor2 / with_floor
-        residual = y[i] - 0.5 * scalar_log(with_floor)
         if censored[i]:
-            value += log_normal_cdf(residual / sqrt(v + rows.u_cal2))
-        else:
-            weights += 1.0 / v
-            total += residual / v
-            chi2 += residual * residual / v
-            value -= 0.5 * (_LN_2PI + scalar_log(v))
-    shrunk = rows.u_cal2 / (1.0 + rows.u_cal2 * weights)
+            any_censored = True
+            continue
+        mean, v, _ = _floored(log_f[direction[i]], u2[i], s_rel, rows.floor2)
+        residual = y[i] - mean
+        weights += 1.0 / v
+        total += residual / v
+        chi2 += residual * residual / v
+        value -= 0.5 * (_LN_2PI + scalar_log(v))
+    shrunk = rows.u_cal2 / (1.0 + rows.u_cal2 * weights)  # posterior variance of the gain
     gain = total * shrunk
+    gain_sd = sqrt(shrunk)
     value -= 0.5 * (chi2 - total * gain + np.log1p(rows.u_cal2 * weights))
+    share = np.zeros(_GAIN_NODES.size if any_censored else 0)
+    if any_censored:
+        value += _censored_nodes(
+            y, log_f, direction, u2, censored, s_rel, rows, gain, gain_sd, share
+        )
+    by_gain = 0.0
+    by_gain_sd = 0.0
     slope_s = 0.0
     for i in range(y.size):
-        f2 = np.exp(2.0 * max(log_f[direction[i]], -300.0))
-        with_floor = f2 + rows.floor2
-        above = f2 / with_floor  # d(1/2 ln(f^2 + b^2)) / d ln f
-        v = s_rel * s_rel + u2[i] + rows.floor2 / with_floor
-        v_slope = -2.0 * above * (1.0 - above)
-        residual = y[i] - 0.5 * scalar_log(with_floor)
-        if censored[i]:
-            spread = v + rows.u_cal2
-            z = residual / sqrt(spread)
-            hazard = np.exp(-0.5 * z * z - 0.5 * _LN_2PI - log_normal_cdf(z))
-            by_v = -0.5 * hazard * z / spread
-            by_mean = -hazard / sqrt(spread)
-        else:
-            away = residual - gain
-            by_v = 0.5 * ((away * away + shrunk) / (v * v) - 1.0 / v)
-            by_mean = away / v
+        if not censored[i]:
+            continue
+        mean, v, above = _floored(log_f[direction[i]], u2[i], s_rel, rows.floor2)
+        by_residual = 0.0
+        by_v = 0.0
+        for k in range(share.size):
+            z = (y[i] - mean - gain - gain_sd * _GAIN_NODES[k]) / sqrt(v)
+            hazard = share[k] * np.exp(-0.5 * z * z - 0.5 * _LN_2PI - log_normal_cdf(z))
+            by_residual += hazard / sqrt(v)
+            by_v -= 0.5 * hazard * z / v
+            by_gain_sd -= hazard * _GAIN_NODES[k] / sqrt(v)
+        by_gain -= by_residual
         slope_s += 2.0 * s_rel * by_v
-        out[i] = by_mean * above + by_v * v_slope
+        out[i] = -by_residual * above - 2.0 * by_v * above * (1.0 - above)
+    for i in range(y.size):
+        if censored[i]:
+            continue
+        mean, v, above = _floored(log_f[direction[i]], u2[i], s_rel, rows.floor2)
+        away = y[i] - mean - gain
+        by_residual = -away / v + by_gain * shrunk / v
+        by_v = 0.5 * ((away * away + shrunk) / (v * v) - 1.0 / v)
+        by_v -= by_gain * shrunk * away / (v * v)
+        by_v += 0.5 * by_gain_sd * shrunk * gain_sd / (v * v)
+        slope_s += 2.0 * s_rel * by_v
+        out[i] = -by_residual * above - 2.0 * by_v * above * (1.0 - above)
     return value, slope_s
 
 

@@ -59,7 +59,8 @@ class Prior:
         return low, high
 
     @cached_property
-    def _cdf_limits(self) -> tuple[float, float]:
+    def cdf_limits(self) -> tuple[float, float]:
+        """Cumulative probabilities of the support before truncation (normal kinds)."""
         low, high = self._limits
         return float(ndtr((low - self.mean) / self.sd)), float(ndtr((high - self.mean) / self.sd))
 
@@ -68,7 +69,7 @@ class Prior:
         low, high = self._limits
         if not self._is_normal:
             return -log(high - low)
-        a, b = self._cdf_limits
+        a, b = self.cdf_limits
         return -log(self.sd * sqrt(2.0 * pi)) - log(b - a)
 
     def log_density(self, values: Array) -> Array:
@@ -97,7 +98,7 @@ class Prior:
         """Value at a cumulative probability."""
         low, high = self._limits
         if self._is_normal:
-            a, b = self._cdf_limits
+            a, b = self.cdf_limits
             v = self.mean + self.sd * ndtri(a + (b - a) * probability)
         else:
             v = low + (high - low) * probability
@@ -205,13 +206,21 @@ def prior_from_table(name: str, table: Mapping[str, Any], default: Prior) -> Pri
     if kind == "lognormal":
         median = _number(name, table, "median", None, _SPARE, 1e6)
         factor = _number(name, table, "factor", None, 1.0 + _SPARE, 1e6)
-        return Prior(kind=kind, mean=log(median), sd=log(factor), low=low, high=high)
+        prior = Prior(kind=kind, mean=log(median), sd=log(factor), low=low, high=high)
+        return _with_mass(name, prior)
     mean = 0.0 if kind == "halfnormal" else _number(name, table, "mean", None, -1e6, 1e6)
     sd = _number(name, table, "sd", None, _SPARE, 1e6)
     prior = Prior(kind=_SHORTHAND.get(kind, kind), mean=mean, sd=sd, low=low, high=high)
-    a, b = prior._cdf_limits
-    if b - a < _SPARE:
-        msg = f"priors.{name}: Normal({mean:g}, {sd:g}) has no mass on [{low:g}, {high:g}]"
+    return _with_mass(name, prior)
+
+
+def _with_mass(name: str, prior: Prior) -> Prior:
+    low, high = prior.cdf_limits
+    if high - low < _SPARE:
+        words = {"normal": f"Normal({prior.mean:g}, {prior.sd:g})"}.get(
+            prior.kind, prior.describe()
+        )
+        msg = f"priors.{name}: {words} has no mass on [{prior.low:g}, {prior.high:g}]"
         raise ConfigError(msg)
     return prior
 

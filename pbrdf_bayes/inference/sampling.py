@@ -140,7 +140,8 @@ def _from_importance(posterior: Posterior, quick: ImportanceDraws) -> Draws:
     z, log_prob = quick.z, quick.log_prob
     x = posterior.from_coordinates(z).reshape(_PSIS_CHAINS, -1, posterior.n_par)
     ensemble = np.arange(_PSIS_CHAINS)
-    ess = np.full(posterior.n_par, quick.ess)
+    # resampling adds its own scatter to that of the weighted draws
+    ess = np.full(posterior.n_par, 1.0 / (1.0 / quick.ess + 1.0 / len(z)))
     return Draws(
         x=x, log_prob=log_prob.reshape(_PSIS_CHAINS, -1), ensemble=ensemble,
         acceptance=np.ones(_PSIS_CHAINS), ess_bulk=ess, ess_tail=ess,
@@ -172,13 +173,10 @@ def choose_moves(
             [(independence_move(mixture), 0.7), (emcee.moves.DEMove(), 0.3)],
             "0.70 independence from an adapted t mixture, 0.30 differential evolution",
         )
+    # not emcee's snooker: its acceptance does not leave the target invariant
     return (
-        [
-            (emcee.moves.KDEMove(), 0.5),
-            (emcee.moves.DEMove(), 0.45),
-            (emcee.moves.DESnookerMove(), 0.05),
-        ],
-        "0.50 KDE, 0.45 differential evolution, 0.05 snooker",
+        [(emcee.moves.KDEMove(), 0.5), (emcee.moves.DEMove(), 0.5)],
+        "0.50 KDE, 0.50 differential evolution",
     )
 
 
@@ -275,8 +273,8 @@ def _autocorrelation_time(z: Array, ensemble: NDArray[np.int64]) -> float:
             emcee.autocorr.integrated_time(z[ensemble == e].swapaxes(0, 1), tol=0, quiet=True)
             for e in np.unique(ensemble)
         ]
-    tau = float(np.nanmax(np.mean(times, axis=0)))
-    return max(tau, 1.0)
+    tau = np.mean(times, axis=0)
+    return max(float(tau.max()), 1.0) if np.isfinite(tau).all() else float(z.shape[1])
 
 
 def _converged(draws: Draws, config: RunConfig) -> bool:

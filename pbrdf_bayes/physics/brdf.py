@@ -245,7 +245,7 @@ def _scale_slopes(
     work: Array, out: Array,
 ) -> None:  # fmt: skip
     """Slopes of ln(F_q(theta_i) / I_q), into ``out`` (2, 3)."""
-    integral_slopes(n_nodes, ws, work)
+    integral_slopes(inc, n_nodes, ws, work)
     s_re, s_im, p_re, p_im = reflectance_slopes(inc.sine, inc.cosine, surf)
     out[0, 0] = s_re - work[0] / norm_s
     out[0, 1] = s_im - work[1] / norm_s

@@ -46,6 +46,9 @@ MAX_NODES = 2048
 PANEL_LENGTH = 2.2
 POLE_DISTANCE = 1.2
 POLE_DISTANCE_METAL = 0.9
+POLE_DISTANCE_DENSE = 1.0
+DENSE = 6.0
+"""Re(m^2) from which Brewster's angle crowds the poles towards grazing."""
 SPARE_DIGITS = 1.0
 SHORT_PANEL = 1.0
 SHORT_EXPANSION = 1.8
@@ -324,7 +327,11 @@ def place_nodes(inc: Incidence, surf: Surface, digits: float, ws: Workspace) -> 
     """Geometry and weights of the nodes of all panels; returns their number."""
     t_s, t_p = transmittances(inc.sine, inc.cosine, surf)
     width = min(surf.rho0, inc.grazing, 0.25 * surf.width * min(t_s, t_p))
-    pole = POLE_DISTANCE_METAL if surf.m2_re < 0.0 else POLE_DISTANCE
+    pole = POLE_DISTANCE
+    if surf.m2_re < 0.0:
+        pole = POLE_DISTANCE_METAL
+    elif surf.m2_re > DENSE:
+        pole = POLE_DISTANCE_DENSE
     scale_u = 1.0 / asinh(0.5 * pi / surf.rho0)
     near = asinh(inc.theta / width)
     far = asinh((inc.theta + 0.25 * pi) / width)
@@ -381,15 +388,15 @@ def integrals(
     _fill_series(n, n_series, surf, ws)
     _sum_expansions(n, m, n_series, ws)
     u = ws.nodes[5]
-    return (
-        _dot(ws.lobes[0], ws.sums[1], u, n),
-        _dot(ws.lobes[1], ws.sums[0], u, n),
-        n,
-    )
+    norm_s = _dot(ws.lobes[0], ws.sums[1], u, n)
+    norm_p = _dot(ws.lobes[1], ws.sums[0], u, n)
+    if inc.theta == 0.0:  # alpha and beta, and with them s and p, change places
+        norm_s = norm_p = 0.5 * (norm_s + norm_p)
+    return norm_s, norm_p, n
 
 
 @compiled()
-def integral_slopes(n: int, ws: Workspace, out: Array) -> None:
+def integral_slopes(inc: Incidence, n: int, ws: Workspace, out: Array) -> None:
     """Derivatives of I_s, I_p (contrast fixed) by Re(m^2), -Im(m^2), width: after `integrals`.
 
     ``out`` has shape (6,): three for s, three for p. The nodes move with the parameters, the
@@ -401,6 +408,8 @@ def integral_slopes(n: int, ws: Workspace, out: Array) -> None:
         out[3 + j] = _dot(ws.lobes[5 + j], ws.sums[0], u, n) + _dot(
             ws.lobes[1], ws.sums[2 + j], u, n
         )
+        if inc.theta == 0.0:
+            out[j] = out[3 + j] = 0.5 * (out[j] + out[3 + j])
 
 
 @compiled()

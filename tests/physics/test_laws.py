@@ -27,6 +27,13 @@ SURFACES = {
     "high index, broad": pb.Parameters(n=6.0, k=0.1, sigma_n0=0.3, rho0=4.0),
     "absorbing": pb.Parameters(n=3.0, k=10.0, sigma_n0=0.7, rho0=1.0),
 }
+
+
+def rounding(*values: Array) -> float:
+    """A few eps of ln f, relative to f: the kernels work with logarithms."""
+    return 4.0 * EPS * (1.0 + max(float(np.abs(np.log(v)).max()) for v in values))
+
+
 every_surface = pytest.mark.parametrize("name", SURFACES)
 
 
@@ -95,7 +102,7 @@ def test_unpolarised_is_the_mean_of_s_and_p(name: str) -> None:
     p = SURFACES[name]
     theta_r = np.linspace(-85.0, 85.0, 35)
     s, q, u = (pb.brdf(p, 40.0, theta_r, word) for word in "spu")
-    np.testing.assert_allclose(u, 0.5 * (s + q), rtol=2.0 * EPS)
+    np.testing.assert_allclose(u, 0.5 * (s + q), rtol=rounding(s, q))
     s, q, u = (pb.dhr(p, np.array([10.0, 60.0, 85.0]), word) for word in "spu")
     np.testing.assert_allclose(u, 0.5 * (s + q), rtol=2.0 * EPS)
 
@@ -106,9 +113,8 @@ def test_scale_is_sigma_n0(name: str) -> None:
     half = pb.Parameters(n=p.n, k=p.k, sigma_n0=0.5 * p.sigma_n0, rho0=p.rho0)
     theta_r = np.linspace(-80.0, 80.0, 33)
     for q in "sp":
-        np.testing.assert_allclose(
-            2.0 * pb.brdf(half, 25.0, theta_r, q), pb.brdf(p, 25.0, theta_r, q), rtol=4.0 * EPS
-        )
+        low, full = pb.brdf(half, 25.0, theta_r, q), pb.brdf(p, 25.0, theta_r, q)
+        np.testing.assert_allclose(2.0 * low, full, rtol=rounding(low))
 
 
 def polar_integral(
@@ -275,7 +281,7 @@ def test_broadcasting_and_shapes() -> None:
 
 
 def test_a_value_does_not_depend_on_its_companions() -> None:
-    """Bit for bit: order, repetition and other angles in the call change nothing."""
+    """Order, repetition and other angles in the call change nothing but roundings."""
     rng = np.random.default_rng(4)
     theta_i = rng.choice([0.0, 20.0, 60.0, 89.0], 200)
     theta_r, phi_r = rng.uniform(-90.0, 90.0, 200), rng.choice([0.0, 30.0, 90.0], 200)
@@ -284,8 +290,8 @@ def test_a_value_does_not_depend_on_its_companions() -> None:
         float(pb.brdf(GREEN, i, r, "p", phi_r_deg=phi))
         for i, r, phi in zip(theta_i, theta_r, phi_r, strict=True)
     ]
-    # B(0) is multiplied into the scale where a whole scan lies in the plane: one rounding apart
-    np.testing.assert_allclose(together, alone, rtol=4.0 * EPS)
+    # B(0) is taken into the scale where a whole scan lies in the plane: a rounding apart
+    np.testing.assert_allclose(together, alone, rtol=rounding(together))
 
 
 def test_integers_and_lists_are_taken_as_numbers() -> None:

@@ -1,0 +1,212 @@
+"""Every verdict, made to pass and to fire."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import pbrdf_bayes as pb
+from pbrdf_bayes.inference.diagnostics import (
+    Diagnostic,
+    Identifiability,
+    assess_identifiability,
+    overall_verdict,
+    run_diagnostics,
+)
+from pbrdf_bayes.inference.holdout import Holdout
+from pbrdf_bayes.inference.map_fit import MapResult, Optimum
+from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.inference.residuals import Residuals
+from pbrdf_bayes.inference.sampling import Draws
+
+Array = NDArray[np.float64]
+NAMES = ("n", "k", "sigma_n0", "rho0")
+
+
+def good_draws() -> Draws:
+    four = np.full(4, 5000.0)
+    return Draws(
+        x=np.zeros((8, 10, 4)), log_prob=np.zeros((8, 10)), ensemble=np.repeat(np.arange(4), 2),
+        acceptance=np.full(8, 0.5), ess_bulk=four, ess_tail=four, rhat=np.full(4, 1.001),
+        mcse_mean=np.full(4, 1e-3), method="emcee", converged=True, n_steps=1000, n_burn=200, thin=1,
+        autocorrelation_time=5.0, k_hat=0.3, n_evaluations=8000, moves="some",
+    )  # fmt: skip
+
+
+def optima(*gaps: float) -> MapResult:
+    found = [Optimum(np.full(4, float(i)), 100.0 - gap, 4) for i, gap in enumerate((0.0, *gaps))]
+    return MapResult(tuple(found), 16, 0)
+
+
+def residuals(lag1: float = 0.05) -> Residuals:
+    one = np.array([0.01])
+    return Residuals(np.zeros(10), 0.01, lag1, one, one, np.array([lag1]))
+
+
+def identified(
+    honest: tuple[float, ...] = (0.99,) * 4, bound: tuple[float, ...] = (0.0,) * 4, share: float = 1.0
+) -> Identifiability:
+    return Identifiability(NAMES, np.full(4, 0.99), np.array(honest), share, np.array(bound))
+
+
+def holdout(rms: float, coverage: float) -> Holdout:
+    none = np.zeros(0)
+    return Holdout("a", "It says so.", none.astype(str), none, none, none, rms, coverage, 0.1, ())
+
+
+GOOD: dict[str, Any] = {
+    "config": pb.RunConfig(), "draws": good_draws(), "optima": optima(), "residuals": residuals(),
+    "best_rms_dex": 0.0087, "white_noise_dex": 0.0087, "identifiability": identified(),
+    "coverage": 0.9, "holdout": holdout(0.01, 0.9),
+}  # fmt: skip
+
+
+def verdicts(**changes: Any) -> dict[str, Diagnostic]:
+    return {d.name: d for d in run_diagnostics(**(GOOD | changes))}
+
+
+def test_a_good_run_passes_everything_without_advice() -> None:
+    found = verdicts()
+    assert list(found) == [
+        "misfit", "residual_correlation", "rhat", "ess", "chain_length", "modes", "identifiability",
+        "bounds", "coverage", "holdout",
+    ]  # fmt: skip
+    for diagnostic in found.values():
+        assert diagnostic.verdict == "PASS", diagnostic
+        assert diagnostic.advice == ""
+        assert diagnostic.statement.endswith(".")
+        assert diagnostic.title
+
+
+FIRING: list[tuple[str, dict[str, Any], str, str]] = [
+    ("misfit", {"best_rms_dex": 0.03}, "WARN", "larger than the noise"),
+    ("misfit", {"best_rms_dex": 0.06, "white_noise_dex": 0.06}, "WARN", "narrow"),
+    ("misfit", {"best_rms_dex": 0.114, "white_noise_dex": 0.01}, "FAIL", "does not describe"),
+    ("residual_correlation", {"residuals": residuals(0.3)}, "WARN", "not independent"),
+    ("residual_correlation", {"residuals": residuals(0.97)}, "FAIL", "narrow"),
+    ("rhat", {"draws": replace(good_draws(), rhat=np.array([1.0, 1.0, 1.02, 1.0]))}, "FAIL", "max_steps"),
+    ("ess", {"draws": replace(good_draws(), ess_bulk=np.array([5e3, 900.0, 5e3, 5e3]))}, "FAIL", "max_steps"),
+    ("ess", {"draws": replace(good_draws(), ess_tail=np.array([5e3, 5e3, 5e3, 20.0]))}, "FAIL", "noisy"),
+    ("chain_length", {"draws": replace(good_draws(), autocorrelation_time=40.0)}, "FAIL", "longer chain"),
+    ("modes", {"optima": optima(3.0)}, "WARN", "Several parameter sets"),
+    ("identifiability", {"identifiability": identified((0.99, 0.3, 0.99, 0.99))}, "WARN", "prior"),
+    ("bounds", {"identifiability": identified(bound=(0.9, 0.0, 0.0, 0.0))}, "FAIL", "not a material constant"),
+    ("coverage", {"coverage": 0.75}, "WARN", "scatter"),
+    ("coverage", {"coverage": 0.99}, "WARN", "scatter"),
+    ("holdout", {"holdout": holdout(0.07, 0.9)}, "WARN", "not measured"),
+    ("holdout", {"holdout": holdout(0.2, 0.9)}, "FAIL", "not measured"),
+    ("holdout", {"holdout": holdout(0.01, 0.5)}, "WARN", "not measured"),
+]
+
+
+@pytest.mark.parametrize(("name", "changes", "verdict", "advice"), FIRING)
+def test_each_verdict_fires_with_advice(
+    name: str, changes: dict[str, Any], verdict: str, advice: str
+) -> None:
+    found = verdicts(**changes)
+    assert found[name].verdict == verdict, found[name]
+    assert advice in found[name].advice
+    others = {other: d.verdict for other, d in found.items() if other != name}
+    assert set(others.values()) == {"PASS"}, others
+
+
+def test_every_diagnostic_is_seen_to_fire() -> None:
+    assert {name for name, *_ in FIRING} == set(verdicts())
+
+
+def test_values_and_thresholds_are_reported() -> None:
+    found = verdicts(
+        best_rms_dex=0.12, draws=replace(good_draws(), rhat=np.array([1.0, 1.03, 1.0, 1.0])),
+        identifiability=identified((0.99, 0.2, 0.4, 0.9), share=0.05), residuals=residuals(0.9),
+    )  # fmt: skip
+    assert found["misfit"].value == 0.12
+    assert "0.120 dex" in found["misfit"].statement
+    assert "32 %" in found["misfit"].statement  # 10^0.12 = 1.318
+    assert (found["rhat"].value, found["rhat"].threshold) == (1.03, 1.01)
+    assert "between 4" in found["rhat"].statement
+    assert "1.0300" in found["rhat"].statement
+    assert found["identifiability"].value == 0.2
+    assert "k (0.20), sigma_n0 (0.40)" in found["identifiability"].statement
+    assert "5 % of their number" in found["identifiability"].statement
+    assert "factor of the order of 4.5" in found["residual_correlation"].advice  # 0.05^-1/2
+
+
+def test_a_rival_far_below_is_no_rival() -> None:
+    found = verdicts(optima=optima(20.0))["modes"]
+    assert found.verdict == "PASS"
+    assert math.isnan(found.value)
+
+
+def test_importance_draws_have_their_own_check() -> None:
+    found = verdicts(draws=replace(good_draws(), method="psis", autocorrelation_time=math.nan))
+    assert "chain_length" not in found
+    assert found["k_hat"].verdict == "PASS"
+    assert found["k_hat"].value == 0.3
+
+
+def test_without_brdf_or_holdout_their_checks_are_left_out() -> None:
+    found = verdicts(best_rms_dex=math.nan, coverage=math.nan, holdout=None)
+    assert set(found) == {"rhat", "ess", "chain_length", "modes", "identifiability", "bounds"}
+
+
+def test_values_that_are_not_numbers_do_not_pass() -> None:
+    """A statistic that could not be computed is no evidence of health."""
+    stuck = replace(
+        good_draws(), rhat=np.full(4, math.nan), ess_bulk=np.full(4, math.nan),
+        autocorrelation_time=math.nan,
+    )  # fmt: skip
+    found = verdicts(draws=stuck)
+    for name in ("rhat", "ess", "chain_length"):
+        assert found[name].verdict == "FAIL", found[name]
+
+
+def test_the_worst_verdict_counts() -> None:
+    assert overall_verdict(["PASS", "WARN", "PASS"]) == "WARN"
+    assert overall_verdict(["FAIL", "WARN", "PASS"]) == "FAIL"
+    assert overall_verdict(["PASS", "SKIP"]) == "PASS"
+    assert overall_verdict([]) == "PASS"
+
+
+def test_draws_of_the_prior_are_not_identified(small_posterior: Posterior) -> None:
+    """Contraction 1 - var/var: zero within five errors of a variance from 20 000 draws."""
+    draws = small_posterior.sample_prior(np.random.default_rng(1), 20_000)
+    found = assess_identifiability(small_posterior, draws, draws, 1.0)
+    assert found.names == NAMES
+    # kurtosis of the four priors is below 9
+    assert np.all(np.abs(found.contraction) < 5.0 * math.sqrt(8.0 / 20_000))
+    np.testing.assert_array_equal(found.contraction, found.honest)
+    assert np.all(found.bound_share < 0.02)  # 1 % on either side, the fuller one
+
+
+def test_narrow_draws_are_identified_and_tempered_ones_less(small_posterior: Posterior) -> None:
+    rng = np.random.default_rng(2)
+    prior = small_posterior.to_coordinates(
+        small_posterior.prior_quantile(np.tile((np.arange(4000)[:, None] + 0.5) / 4000, 7))
+    )
+    middle, sd = prior.mean(axis=0), prior.std(axis=0)
+    narrow, wide = (
+        small_posterior.from_coordinates(middle + f * sd * rng.standard_normal((5000, 7)))
+        for f in (0.01, 0.6)
+    )
+    found = assess_identifiability(small_posterior, narrow, wide, 0.1)
+    # a variance of 5000 normal draws: 2 %
+    np.testing.assert_allclose(1.0 - found.contraction, 0.01**2, rtol=0.1)
+    np.testing.assert_allclose(1.0 - found.honest, 0.6**2, rtol=0.1)
+    assert found.share == 0.1
+
+
+def test_draws_at_a_bound_are_noticed(small_posterior: Posterior) -> None:
+    draws = small_posterior.sample_prior(np.random.default_rng(3), 4000)
+    draws[:, 0] = 2.99  # n pressed against 3
+    draws[:, 1] = 1e-6  # k at zero is physical: no absorption
+    draws[:, 2] = 0.9999  # sigma_N0 at one
+    found = assess_identifiability(small_posterior, draws, draws, 1.0)
+    assert found.bound_share[0] == 1.0
+    assert found.bound_share[1] == 0.0
+    assert found.bound_share[2] == 1.0
+    assert found.bound_share[3] < 0.02
