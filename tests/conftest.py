@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+import pbrdf_bayes as pb
+from pbrdf_bayes.workflow import fit_file
 
 REPOSITORY = Path(__file__).parents[1]
 
@@ -15,4 +19,24 @@ def shared() -> Path:
     folder = REPOSITORY / ".." / "shared" / "data"
     if not folder.is_dir():
         pytest.skip(f"measured data are not here: {folder.resolve()}")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def small_csv(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Simulated green paint: two angles, s and p, 33 readings a scan, DHR; never changed."""
+    path = tmp_path_factory.mktemp("data") / "small_simulated.csv"
+    measurement = pb.simulate_measurement(
+        pb.GREEN_PAINT, seed=3, sample="small", theta_i_deg=(20.0, 60.0),
+        theta_r_deg=np.linspace(-80.0, 80.0, 33),
+    )  # fmt: skip
+    pb.write_tidy_csv(measurement, path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def finished_run(small_csv: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Run folder of a draft fit of it with seed 1; never changed: copy it first."""
+    folder = tmp_path_factory.mktemp("runs") / "finished"
+    fit_file(small_csv, pb.RunConfig(accuracy="draft"), out=folder, seed=1)
     return folder

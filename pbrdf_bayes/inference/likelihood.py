@@ -215,7 +215,8 @@ def _censored_nodes(
         total += share[k]
     for k in range(share.size):
         share[k] /= total
-    return largest + scalar_log(total)
+    result: float = largest + scalar_log(total)
+    return result
 
 
 @compiled()
