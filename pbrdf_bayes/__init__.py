@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pbrdf_bayes.io.run_folder import load_analysis
     from pbrdf_bayes.io.tidy_csv import read_measurement, write_tidy_csv
     from pbrdf_bayes.measurement import Measurement
-    from pbrdf_bayes.model import Parameters, brdf, dhr, reciprocity_ratio
+    from pbrdf_bayes.model import Parameters, brdf, dhr, normalisation_error, reciprocity_ratio
     from pbrdf_bayes.report.page import render_report
     from pbrdf_bayes.results import Analysis
     from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
@@ -52,6 +52,7 @@ _HOME = {
     "dhr": "model",
     "fit": "workflow",
     "load_analysis": "io.run_folder",
+    "normalisation_error": "model",
     "read_measurement": "io.tidy_csv",
     "reciprocity_ratio": "model",
     "render_report": "report.page",
@@ -80,6 +81,7 @@ __all__ = [
     "dhr",
     "fit",
     "load_analysis",
+    "normalisation_error",
     "read_measurement",
     "reciprocity_ratio",
     "render_report",

@@ -76,7 +76,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"pbrdf-bayes {__version__}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
-    for add in (_add_check, _add_fit, _add_report, _add_predict, _add_simulate):
+    for add in (_add_check, _add_fit, _add_report, _add_predict, _add_simulate, _add_bench):
         add(verbs)
     return parser
 
@@ -152,6 +152,13 @@ def _add_simulate(verbs: Any) -> None:
     parser.add_argument("--dhr-calibration", type=float, default=0.0,
                         help="relative sd of the DHR gain of a polarisation (0)")  # fmt: skip
     parser.add_argument("--out", type=Path, required=True, metavar="CSV")
+
+
+def _add_bench(verbs: Any) -> None:
+    parser = _verb(verbs, "bench", _bench, "What accuracy costs in time on this machine.")
+    parser.add_argument("--quick", action="store_true", help="under a minute")
+    parser.add_argument("--out", type=Path, metavar="DIR", default=None,
+                        help="folder of the page (default reports/accuracy_vs_time)")  # fmt: skip
 
 
 def _add_parameters(parser: argparse.ArgumentParser, *, required: bool) -> None:
@@ -304,4 +311,15 @@ def _simulate(options: argparse.Namespace) -> int:
     )  # fmt: skip
     write_tidy_csv(measurement, options.out)
     print(options.out)
+    return DONE
+
+
+def _bench(options: argparse.Namespace) -> int:
+    from pbrdf_bayes.bench.run import DEFAULT_FOLDER, run_bench, text_table, write_bench
+
+    result = run_bench(
+        quick=options.quick, told=lambda stage: print(f"{stage} ...", file=sys.stderr)
+    )
+    print(text_table(result))
+    print(write_bench(result, options.out or DEFAULT_FOLDER))
     return DONE

@@ -123,10 +123,21 @@ def replicate_brdf(
     gain = min(np.sqrt(posterior.rows.u_cal2), 1.0) * gains[:, scan]
     floor = posterior.config.brdf_floor
     f2 = np.maximum(curves, 1e-280) ** 2
-    sd = np.sqrt(noise**2 + floor**2 / (f2 + floor**2))
+    stated2 = _stated_variance(posterior, targets.polarization)
+    sd = np.sqrt(noise**2 + stated2 + floor**2 / (f2 + floor**2))
     return np.asarray(
         np.exp(0.5 * np.log(f2 + floor**2) + gain + sd * stratified_normal(rng, curves.shape))
     )
+
+
+def _stated_variance(posterior: Posterior, polarization: NDArray[np.str_]) -> Array:
+    """Relative variance that the laboratory states for a reading: the median of a polarisation."""
+    measured = posterior.measurement.brdf.polarization
+    variance = np.zeros(polarization.size)
+    for q in np.unique(polarization):
+        of_q = posterior.rows.u2[measured == q]
+        variance[polarization == q] = np.median(of_q) if of_q.size else 0.0
+    return variance
 
 
 def replicate_dhr(

@@ -52,6 +52,7 @@ def config_from_table(table: Mapping[str, Any]) -> RunConfig:
     ConfigError
     """
     values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in table.items()}
+    check_keys(values, where="configuration")
     defaults = RunConfig()
     for key, value in values.items():
         _check_type(key, value, getattr(defaults, key))

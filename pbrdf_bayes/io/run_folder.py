@@ -43,13 +43,14 @@ def safe_name(name: str) -> str:
     >>> safe_name("green_paint")
     'green_paint'
     >>> safe_name("../etc")
-    'etc-3c2b1ae7'
+    'etc-f7f9121f'
     """
     plain = re.sub(r"[^A-Za-z0-9._-]+", "_", name).strip("._-")[:_LONGEST_NAME]
-    if plain == name and plain.lower().split(".")[0] not in _RESERVED:
+    usable = bool(plain) and plain.lower().split(".")[0] not in _RESERVED
+    if usable and plain == name:
         return plain
     digest = hashlib.sha256(name.encode("utf-8", "surrogatepass")).hexdigest()[:8]
-    return f"{plain}-{digest}" if plain else f"sample-{digest}"
+    return f"{plain}-{digest}" if usable else f"sample-{digest}"
 
 
 def new_run_folder(root: Path, sample: str) -> Path:

@@ -36,7 +36,10 @@ def dhr_targets(words: str = "sp") -> Targets:
     angles = np.arange(5.0, 90.0, 5.0)
     n = angles.size * len(words)
     return Targets(
-        np.repeat(list(words), angles.size), np.tile(angles, len(words)), np.full(n, np.nan), np.zeros(n)
+        np.repeat(list(words), angles.size),
+        np.tile(angles, len(words)),
+        np.full(n, np.nan),
+        np.zeros(n),
     )
 
 
@@ -127,7 +130,9 @@ def test_the_gain_of_a_scan_widens_its_predictive_band(
     np.testing.assert_allclose(half_widths, 1.6449 * math.hypot(0.05, 0.2), rtol=0.06)
 
 
-def coverage(posterior: Posterior, replicate: Callable[[int], Array], targets: Targets, draws: Array) -> float:
+def coverage(
+    posterior: Posterior, replicate: Callable[[int], Array], targets: Targets, draws: Array
+) -> float:
     """Share of replicated readings inside the 90 % predictive band."""
     band = predict_bands(posterior, draws, draws[0], targets, np.random.default_rng(6)).predictive
     inside = [
@@ -223,7 +228,12 @@ def test_a_floor_lifts_the_predictive_band_off_zero(
 
 def test_a_polarisation_without_a_scan_takes_the_largest_noise(green: pb.Parameters) -> None:
     only_s = simulate_measurement(
-        green, seed=1, theta_i_deg=(20.0,), theta_r_deg=GRID, polarizations=("s",), dhr_theta_i_deg=()
+        green,
+        seed=1,
+        theta_i_deg=(20.0,),
+        theta_r_deg=GRID,
+        polarizations=("s",),
+        dhr_theta_i_deg=(),
     )
     posterior = make(only_s)
     assert posterior.parameter_names[4:] == ("s_rel_s",)

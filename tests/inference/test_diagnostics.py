@@ -49,7 +49,9 @@ def residuals(lag1: float = 0.05) -> Residuals:
 
 
 def identified(
-    honest: tuple[float, ...] = (0.99,) * 4, bound: tuple[float, ...] = (0.0,) * 4, share: float = 1.0
+    honest: tuple[float, ...] = (0.99,) * 4,
+    bound: tuple[float, ...] = (0.0,) * 4,
+    share: float = 1.0,
 ) -> Identifiability:
     return Identifiability(NAMES, np.full(4, 0.99), np.array(honest), share, np.array(bound))
 
@@ -89,13 +91,38 @@ FIRING: list[tuple[str, dict[str, Any], str, str]] = [
     ("misfit", {"best_rms_dex": 0.114, "white_noise_dex": 0.01}, "FAIL", "does not describe"),
     ("residual_correlation", {"residuals": residuals(0.3)}, "WARN", "not independent"),
     ("residual_correlation", {"residuals": residuals(0.97)}, "FAIL", "narrow"),
-    ("rhat", {"draws": replace(good_draws(), rhat=np.array([1.0, 1.0, 1.02, 1.0]))}, "FAIL", "max_steps"),
-    ("ess", {"draws": replace(good_draws(), ess_bulk=np.array([5e3, 900.0, 5e3, 5e3]))}, "FAIL", "max_steps"),
-    ("ess", {"draws": replace(good_draws(), ess_tail=np.array([5e3, 5e3, 5e3, 20.0]))}, "FAIL", "noisy"),
-    ("chain_length", {"draws": replace(good_draws(), autocorrelation_time=40.0)}, "FAIL", "longer chain"),
+    (
+        "rhat",
+        {"draws": replace(good_draws(), rhat=np.array([1.0, 1.0, 1.02, 1.0]))},
+        "FAIL",
+        "max_steps",
+    ),
+    (
+        "ess",
+        {"draws": replace(good_draws(), ess_bulk=np.array([5e3, 900.0, 5e3, 5e3]))},
+        "FAIL",
+        "max_steps",
+    ),
+    (
+        "ess",
+        {"draws": replace(good_draws(), ess_tail=np.array([5e3, 5e3, 5e3, 20.0]))},
+        "FAIL",
+        "noisy",
+    ),
+    (
+        "chain_length",
+        {"draws": replace(good_draws(), autocorrelation_time=40.0)},
+        "FAIL",
+        "longer chain",
+    ),
     ("modes", {"optima": optima(3.0)}, "WARN", "Several parameter sets"),
     ("identifiability", {"identifiability": identified((0.99, 0.3, 0.99, 0.99))}, "WARN", "prior"),
-    ("bounds", {"identifiability": identified(bound=(0.9, 0.0, 0.0, 0.0))}, "FAIL", "not a material constant"),
+    (
+        "bounds",
+        {"identifiability": identified(bound=(0.9, 0.0, 0.0, 0.0))},
+        "FAIL",
+        "not a material constant",
+    ),
     ("coverage", {"coverage": 0.75}, "WARN", "scatter"),
     ("coverage", {"coverage": 0.99}, "WARN", "scatter"),
     ("holdout", {"holdout": holdout(0.07, 0.9)}, "WARN", "not measured"),

@@ -237,7 +237,9 @@ def test_least_squares_finds_what_a_plain_optimiser_finds(small: Measurement) ->
     )  # fmt: skip
     assert rms == pytest.approx(other.fun, rel=1e-4)
     found = pb.Parameters(**dict(zip(("n", "k", "sigma_n0", "rho0"), x, strict=False)))
-    assert cost(np.append(found.as_array()[:3], math.log(found.rho0))) == pytest.approx(rms, rel=1e-4)
+    assert cost(np.append(found.as_array()[:3], math.log(found.rho0))) == pytest.approx(
+        rms, rel=1e-4
+    )
 
 
 def test_least_squares_without_brdf_is_not_a_number(small: Measurement) -> None:

@@ -51,7 +51,11 @@ def test_shapes_and_types(small_posterior: Posterior) -> None:
     x = small_posterior.sample_prior(np.random.default_rng(1), 7)
     assert x.shape == (7, small_posterior.n_par)
     assert x.dtype == np.float64
-    for method in (small_posterior.log_prior, small_posterior.log_likelihood, small_posterior.log_prob):
+    for method in (
+        small_posterior.log_prior,
+        small_posterior.log_likelihood,
+        small_posterior.log_prob,
+    ):
         assert method(x).shape == (7,)
         assert method(x[:0]).shape == (0,)
         np.testing.assert_array_equal(method(x.tolist()), method(x))
@@ -165,7 +169,9 @@ def test_the_jacobian_is_that_of_the_coordinates(small_posterior: Posterior) -> 
 
 
 def test_coordinates_that_overflow_have_zero_density(small_posterior: Posterior) -> None:
-    z = np.tile(small_posterior.to_coordinates(np.array([[1.5, 0.2, 0.5, 0.4, 0.02, 0.02, 1e-3]])), (3, 1))
+    z = np.tile(
+        small_posterior.to_coordinates(np.array([[1.5, 0.2, 0.5, 0.4, 0.02, 0.02, 1e-3]])), (3, 1)
+    )
     z[0, 3], z[1, 4], z[2, 6] = 1e3, 1e308, -1e308
     assert np.all(np.isneginf(small_posterior.log_prob_coordinates(z)))
 
@@ -198,7 +204,9 @@ def test_a_reading_that_is_not_positive_needs_a_floor(
     value: float, make_measurement: Callable[..., Measurement]
 ) -> None:
     m = make_measurement([SCAN_S, ("brdf", "s", 20.0, 10.0, value)], row=[2, 17])
-    with pytest.raises(pb.DataError, match=r"line 17, column value: a BRDF reading that is not pos"):
+    with pytest.raises(
+        pb.DataError, match=r"line 17, column value: a BRDF reading that is not pos"
+    ):
         pb.build_posterior(m, pb.RunConfig())
     posterior = pb.build_posterior(m, pb.RunConfig(brdf_floor=1e-4))
     assert np.isfinite(posterior.log_likelihood(np.array([[1.5, 0.1, 0.5, 0.4, 0.02]])))[0]
@@ -212,8 +220,14 @@ def test_a_relative_scale_needs_dhr(make_measurement: Callable[..., Measurement]
 @pytest.mark.parametrize(
     ("priors", "message"),
     [
-        ({"rho": {"kind": "uniform"}}, r"priors\.rho: no such parameter here\. Did you mean 'rho0'\?"),
-        ({"s_rel_u": {"kind": "uniform"}}, r"priors\.s_rel_u: no such parameter here.*Inferred: n, k"),
+        (
+            {"rho": {"kind": "uniform"}},
+            r"priors\.rho: no such parameter here\. Did you mean 'rho0'\?",
+        ),
+        (
+            {"s_rel_u": {"kind": "uniform"}},
+            r"priors\.s_rel_u: no such parameter here.*Inferred: n, k",
+        ),
         ({"n": {"kind": "normal", "mean": 1.5}}, r"priors\.n: 'sd' is missing"),
     ],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,9 @@ from scipy import integrate, stats
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.inference.priors import NOISE_PRIORS, PRESETS, Prior, prior_from_table
 
-ALL = {f"{preset}.{name}": prior for preset, table in PRESETS.items() for name, prior in table.items()}
+ALL = {
+    f"{preset}.{name}": prior for preset, table in PRESETS.items() for name, prior in table.items()
+}
 ALL |= dict(NOISE_PRIORS)
 ALL["half of a normal, off centre"] = Prior(kind="normal", mean=2.0, sd=0.5, low=1.7, high=2.1)
 ALL["far tail"] = Prior(kind="normal", mean=0.0, sd=1.0, low=4.0, high=6.0)
@@ -48,8 +51,7 @@ def test_density_integrates_to_one(name: str) -> None:
 
     ends = law.ppf([1e-12, 0.01, 0.1, 0.5, 0.9, 0.99, 1.0 - 1e-12])
     parts = [
-        integrate.quad(integrand, a, b, epsabs=1e-13, epsrel=1e-12)[0]
-        for a, b in zip(ends[:-1], ends[1:], strict=True)
+        integrate.quad(integrand, a, b, epsabs=1e-13, epsrel=1e-12)[0] for a, b in pairwise(ends)
     ]
     assert sum(parts) == pytest.approx(1.0, abs=1e-9)
 
@@ -94,7 +96,9 @@ def test_standard_deviation_is_that_of_scipy(name: str) -> None:
 @every_prior
 def test_outside_the_support_the_density_is_zero(name: str) -> None:
     prior = ALL[name]
-    outside = np.array([prior.low - 1e-9, prior.high + 1e-9, -1e300, 1e300, np.nan, np.inf, -np.inf])
+    outside = np.array(
+        [prior.low - 1e-9, prior.high + 1e-9, -1e300, 1e300, np.nan, np.inf, -np.inf]
+    )
     assert np.all(np.isneginf(prior.log_density(outside)))
     assert np.all(np.isfinite(prior.log_density(np.array([prior.low, prior.high]))))
 
@@ -107,7 +111,11 @@ def test_presets_are_the_documented_ones() -> None:
             assert (table[name].kind, table[name].low, table[name].high) == (kind, low, high)
     paint, dielectric, metal = (PRESETS[name] for name in ("paint", "dielectric", "metal"))
     assert paint["n"] == Prior(kind="normal", mean=1.5, sd=0.2, low=1.0, high=3.0)
-    assert (dielectric["n"].kind, dielectric["n"].low, dielectric["n"].high) == ("uniform", 1.0, 3.0)
+    assert (dielectric["n"].kind, dielectric["n"].low, dielectric["n"].high) == (
+        "uniform",
+        1.0,
+        3.0,
+    )
     for table in (paint, dielectric):
         k = table["k"]
         assert (k.kind, k.mean, k.sd, k.low) == ("normal", 0.0, 0.5, 0.0)
@@ -124,7 +132,10 @@ def test_presets_are_the_documented_ones() -> None:
         ({"kind": "uniform"}, Prior(kind="uniform", low=1.0, high=3.0)),
         ({"kind": "uniform", "low": 1.2, "high": 2}, Prior(kind="uniform", low=1.2, high=2.0)),
         ({"mean": 1.6, "sd": 0.05}, Prior(kind="normal", mean=1.6, sd=0.05, low=1.0, high=3.0)),
-        ({"kind": "halfnormal", "sd": 2}, Prior(kind="normal", mean=0.0, sd=2.0, low=1.0, high=3.0)),
+        (
+            {"kind": "halfnormal", "sd": 2},
+            Prior(kind="normal", mean=0.0, sd=2.0, low=1.0, high=3.0),
+        ),
         ({"kind": "loguniform"}, Prior(kind="loguniform", low=1.0, high=3.0)),
         (
             {"kind": "lognormal", "median": 1.5, "factor": 1.2},

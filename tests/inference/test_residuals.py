@@ -75,7 +75,9 @@ def test_correlation_does_not_run_across_scans(green: pb.Parameters) -> None:
 
 
 def test_alternating_residuals_have_correlation_minus_one(green: pb.Parameters) -> None:
-    found = compute_residuals(with_residuals(green, {20.0: 0.05 * (-1.0) ** np.arange(31)}), at(green))
+    found = compute_residuals(
+        with_residuals(green, {20.0: 0.05 * (-1.0) ** np.arange(31)}), at(green)
+    )
     assert found.lag1 == pytest.approx(-1.0, rel=1e-6)
 
 

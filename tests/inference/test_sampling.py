@@ -25,9 +25,9 @@ from pbrdf_bayes.inference.mixture import Mixture
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.sampling import (
     Draws,
-    independence_move,
     Progress,
     choose_moves,
+    independence_move,
     sample_posterior,
     start_walkers,
 )
@@ -108,7 +108,7 @@ def p_values(target: Target, moves: Any, n_steps: int, seed: int) -> Array:
     """Kolmogorov-Smirnov p-values of both uniforms and of their product after some steps."""
     start = target.draw(np.random.default_rng(seed), N_WALKERS)
     sampler = emcee.EnsembleSampler(N_WALKERS, 2, target.log_density, moves=moves, vectorize=True)
-    sampler.random_state = np.random.RandomState(seed).get_state()  # noqa: NPY002
+    sampler.random_state = np.random.RandomState(seed).get_state()
     with np.errstate(divide="ignore"):
         state = sampler.run_mcmc(start, n_steps, skip_initial_state_check=True)
     assert sampler.acceptance_fraction.mean() > 0.05  # moves that move nothing prove nothing
@@ -144,9 +144,7 @@ def test_each_chosen_move_alone_leaves_the_target_invariant(name: str, choice: s
     """
     target = TARGETS[name]
     moves, _ = choose_moves(target.proposal, GOOD if choice == "adapted" else POOR)
-    found = {
-        type(move).__name__: float(p_values(target, move, 12, 3).min()) for move, _ in moves
-    }
+    found = {type(move).__name__: float(p_values(target, move, 12, 3).min()) for move, _ in moves}
     assert min(found.values()) > 1e-4, found
 
 
@@ -159,7 +157,7 @@ def test_the_independence_move_proposes_from_the_mixture() -> None:
     sampler = emcee.EnsembleSampler(
         50, 2, flat.log_density, moves=independence_move(flat.proposal), vectorize=True
     )
-    sampler.random_state = np.random.RandomState(1).get_state()  # noqa: NPY002
+    sampler.random_state = np.random.RandomState(1).get_state()
     start = flat.proposal.sample(np.random.default_rng(1), 50)
     sampler.run_mcmc(start, 20, skip_initial_state_check=True)
     assert sampler.acceptance_fraction.min() == 1.0
@@ -344,13 +342,13 @@ def test_convergence_needs_two_rounds_in_a_row(law: Posterior, start: Mixture) -
 def test_reported_errors_of_resampled_means_are_honest(law: Posterior, start: Mixture) -> None:
     """Scatter of the mean over seeds in units of the reported standard error.
 
-    Of 100 seeds and two parameters the ratio is known to 1/sqrt(396) = 0.05: below 1 + 4 x 0.05.
+    Of 40 seeds and two parameters the ratio is known to 1/sqrt(156) = 0.08: below 1 + 3 x 0.08.
     """
-    runs = [draw(law, start, "psis", seed=seed) for seed in range(10, 110)]
+    runs = [draw(law, start, "psis", seed=seed) for seed in range(10, 50)]
     assert {run.method for run in runs} == {"psis"}
     scatter = np.std([run.flat.mean(axis=0) for run in runs], axis=0, ddof=1)
     reported = np.mean([run.mcse_mean for run in runs], axis=0)
-    assert np.sqrt(np.mean((scatter / reported) ** 2)) < 1.2, scatter / reported
+    assert np.sqrt(np.mean((scatter / reported) ** 2)) < 1.24, scatter / reported
 
 
 def test_no_more_effective_draws_than_draws(law: Posterior, start: Mixture) -> None:

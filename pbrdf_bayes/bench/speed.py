@@ -1,0 +1,206 @@
+"""Time of a likelihood: the headline, how it grows, and what each option costs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbrdf_bayes.bench.baselines import Floor, PlainLikelihood
+from pbrdf_bayes.bench.timing import fitted_exponent, time_in_turns
+from pbrdf_bayes.config import RunConfig
+from pbrdf_bayes.inference.posterior import Posterior, build_posterior
+from pbrdf_bayes.measurement import select_scans
+from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
+
+Array = NDArray[np.float64]
+
+N_SETS = 64
+RTOL_DIGITS = 6.0
+_SCATTER = 0.03
+_CENTRES = {"s_rel_s": 0.02, "s_rel_p": 0.02, "u_dhr": 5e-4}
+
+
+def paper_posterior() -> Posterior:
+    """Posterior of simulated data of the paper's size: 10 scans of 321 points and 16 DHR."""
+    posterior = build_posterior(simulate_measurement(GREEN_PAINT, seed=1), RunConfig())
+    return replace(posterior, digits=RTOL_DIGITS)
+
+
+def parameter_sets(posterior: Posterior, n_sets: int = N_SETS, *, seed: int = 1) -> Array:
+    """Sets scattered by 3 % about the published paint, shape (n_sets, n_par)."""
+    known = {**_CENTRES, **{n: getattr(GREEN_PAINT, n) for n in ("n", "k", "sigma_n0", "rho0")}}
+    centre = np.array([known[name] for name in posterior.parameter_names])
+    rng = np.random.default_rng(seed)
+    return np.asarray(centre * np.exp(_SCATTER * rng.standard_normal((n_sets, centre.size))))
+
+
+def measure_headline(*, rounds: int) -> dict[str, float]:
+    """Microseconds a parameter set at paper size, and its ratios within one run.
+
+    Returns
+    -------
+    dict
+        microseconds, gradient_microseconds, floor_microseconds, plain_microseconds [us a set];
+        gradient_ratio, floor_ratio, plain_ratio, two_threads and two_threads_floor (the loop of the
+        floor shares nothing: what this machine gives at the moment) [1]; data_lobes and node_lobes
+        a set; plain_difference [nat].
+    """
+    posterior = paper_posterior()
+    x = parameter_sets(posterior)
+    floor, plain = Floor(posterior, x), PlainLikelihood(posterior)
+    halves = [Floor(posterior, half) for half in np.split(x, 2)]
+    with ThreadPoolExecutor(2) as pool:
+        times = time_in_turns(
+            {
+                "likelihood": lambda: posterior.log_likelihood(x),
+                "gradient": lambda: posterior.log_prob_gradient(x),
+                "floor": floor,
+                "plain": lambda: plain(x[0]),
+                "two": lambda: list(pool.map(posterior.log_likelihood, np.split(x, 2))),
+                "floor two": lambda: list(pool.map(Floor.__call__, halves)),
+            },
+            rounds=rounds,
+        )
+    per_set = 1e6 / N_SETS
+    return {
+        "microseconds": times["likelihood"] * per_set,
+        "gradient_microseconds": times["gradient"] * per_set,
+        "floor_microseconds": times["floor"] * per_set,
+        "plain_microseconds": times["plain"] * 1e6,
+        "gradient_ratio": times["gradient"] / times["likelihood"],
+        "floor_ratio": times["likelihood"] / times["floor"],
+        "plain_ratio": times["plain"] * N_SETS / times["likelihood"],
+        "two_threads": times["likelihood"] / times["two"],
+        "two_threads_floor": times["floor"] / times["floor two"],
+        "data_lobes": float(floor.n_data),
+        "node_lobes": float(floor.n_nodes.mean()),
+        "plain_difference": abs(plain(x[0]) - float(posterior.log_likelihood(x[:1])[0])),
+    }
+
+
+def measure_scaling(*, quick: bool) -> dict[str, dict[str, Any]]:
+    """Time against points per scan, scans, sets a call and threads.
+
+    Returns
+    -------
+    dict
+        For each variable: sizes, microseconds (a set; a call for ``sets``), exponent, and the
+        straight line ``fixed + per_unit * size`` [us] with the largest relative distance from it.
+    """
+    rounds = 8 if quick else 50
+    return {
+        "points": _sweep(_of_points, (21, 81, 321, 1281) if quick else _POINTS, rounds),
+        "scans": _sweep(_of_scans, (2, 10, 40) if quick else _SCANS, rounds),
+        "sets": _set_sweep((1, 4, 16, 64, 256) if quick else (1, 4, 16, 64, 256, 1024), rounds),
+        "threads": _thread_sweep(rounds),
+    }
+
+
+_POINTS = (21, 81, 321, 1281, 5121)
+_SCANS = (2, 10, 40, 160)
+
+
+def _of_points(n: int) -> Posterior:
+    grid = np.linspace(-80.0, 80.0, n)
+    return build_posterior(simulate_measurement(GREEN_PAINT, seed=1, theta_r_deg=grid), RunConfig())
+
+
+def _of_scans(n: int) -> Posterior:
+    angles = np.linspace(0.0, 80.0, n // 2).tolist()
+    grid = np.linspace(-80.0, 80.0, 81)
+    made = simulate_measurement(GREEN_PAINT, seed=1, theta_i_deg=angles, theta_r_deg=grid)
+    return build_posterior(made, RunConfig())
+
+
+def _sweep(make: Callable[[int], Posterior], sizes: tuple[int, ...], rounds: int) -> dict[str, Any]:
+    made = {str(n): replace(make(n), digits=RTOL_DIGITS) for n in sizes}
+    sets = {name: parameter_sets(p, 16) for name, p in made.items()}
+    times = time_in_turns({name: _call(made[name], sets[name]) for name in made}, rounds=rounds)
+    micro = [times[str(n)] * 1e6 / 16 for n in sizes]
+    return _series(sizes, micro)
+
+
+def _series(sizes: tuple[int, ...], micro: list[float]) -> dict[str, Any]:
+    y = np.array(micro)
+    # fixed cost and cost a unit, relative residuals least in squares
+    columns = np.stack([np.ones(y.size), np.array(sizes, dtype=np.float64)], axis=1)
+    (fixed, slope), *_ = np.linalg.lstsq(columns / y[:, None], np.ones(y.size))
+    residual = columns @ np.array([fixed, slope]) / y - 1.0
+    return {
+        "sizes": list(sizes),
+        "microseconds": micro,
+        "exponent": fitted_exponent([float(n) for n in sizes], micro),
+        "fixed": float(fixed),
+        "per_unit": float(slope),
+        "off_the_line": float(np.abs(residual).max()),
+    }
+
+
+def _call(posterior: Posterior, x: Array) -> Callable[[], object]:
+    return lambda: posterior.log_likelihood(x)
+
+
+def _set_sweep(sizes: tuple[int, ...], rounds: int) -> dict[str, Any]:
+    posterior = paper_posterior()
+    times = time_in_turns(
+        {str(n): _call(posterior, parameter_sets(posterior, n)) for n in sizes}, rounds=rounds
+    )
+    return _series(sizes, [times[str(n)] * 1e6 for n in sizes])
+
+
+def _thread_sweep(rounds: int) -> dict[str, Any]:
+    posterior = paper_posterior()
+    x = parameter_sets(posterior, 128)
+    with ThreadPoolExecutor(2) as pool:
+
+        def split(n: int) -> Callable[[], object]:
+            return lambda: list(pool.map(posterior.log_likelihood, np.array_split(x, n)))
+
+        times = time_in_turns({"1": split(1), "2": split(2)}, rounds=4 * rounds)
+    return {
+        "sizes": [1, 2],
+        "microseconds": [times[n] * 1e6 / len(x) for n in ("1", "2")],
+        "speed_up": times["1"] / times["2"],
+    }
+
+
+def measure_options(*, quick: bool) -> list[dict[str, Any]]:
+    """Cost of every option switched on alone, relative to all off, and of the gradient.
+
+    Returns
+    -------
+    list of dict
+        option, microseconds (a set), ratio to all off.
+    """
+    measurement = simulate_measurement(GREEN_PAINT, seed=1)
+    brdf_only = select_scans(measurement, np.ones(len(measurement.scans), dtype=bool), dhr=False)
+    off = RunConfig(u_dhr_cal=0.0)
+    cases = {
+        "all off: the four-parameter model, BRDF rows only": (brdf_only, off),
+        "DHR readings": (measurement, off),
+        "DHR readings with a calibration gain": (measurement, RunConfig()),
+        "calibration gain of each scan": (brdf_only, replace(off, u_brdf_cal=0.02)),
+        "scale of each scan free": (measurement, replace(off, brdf_scale="relative")),
+        "instrument floor": (brdf_only, replace(off, brdf_floor=1e-6)),
+    }
+    made = {
+        name: replace(build_posterior(data, config), digits=RTOL_DIGITS)
+        for name, (data, config) in cases.items()
+    }
+    functions = {name: _call(p, parameter_sets(p)) for name, p in made.items()}
+    first = next(iter(made))
+    base, x = made[first], parameter_sets(made[first])
+    functions["gradient by all parameters"] = lambda: base.log_prob_gradient(x)
+    for digits in (4.0, 10.0):
+        finer = replace(base, digits=digits)
+        functions[f"rtol 1e-{digits:.0f} instead of 1e-6"] = _call(finer, x)
+    times = time_in_turns(functions, rounds=10 if quick else 60)
+    return [
+        {"option": name, "microseconds": t * 1e6 / N_SETS, "ratio": t / times[first]}
+        for name, t in times.items()
+    ]

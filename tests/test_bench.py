@@ -1,0 +1,136 @@
+"""The benchmark as a user runs it; what it says about accuracy, never how fast it was."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pbrdf_bayes import cli
+from pbrdf_bayes.bench import baselines, closed_form, normalisation, speed
+from pbrdf_bayes.physics.normalisation import incidence, normalisation_integrals, workspace
+
+BENCHMARKS = Path(__file__).parent / "benchmarks"
+KEYS = {
+    "schema_version", "version", "created_utc", "quick", "machine", "seconds", "headline",
+    "normalisation", "error_map", "posterior_shift", "ladder", "scaling", "options",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("bench") / "page"
+    assert cli.main(["bench", "--quick", "--out", str(out)]) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def result(folder: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((folder / "bench.json").read_text(encoding="utf-8"))
+    return found
+
+
+def points_of(case: dict[str, Any], method: str) -> list[dict[str, Any]]:
+    return [p for p in case["points"] if p["method"] == method]
+
+
+def test_json_holds_every_part(result: dict[str, Any]) -> None:
+    assert set(result) == KEYS
+    assert result["quick"] is True
+    assert result["machine"]["processor"]
+
+
+def test_page_is_one_file_without_network_or_leftovers(folder: Path) -> None:
+    page = (folder / "index.html").read_text(encoding="utf-8")
+    assert len(page) < 600_000
+    assert page.count('<svg class="plot"') == 15
+    for forbidden in ("<script", "http-equiv", "@import", "nan ", ">nan<", ">inf<", "None"):
+        assert forbidden not in page
+    assert not re.search(r'(src|href)="https?:', page)
+    ids = re.findall(r' id="([^"]+)"', page)
+    assert len(ids) == len(set(ids))
+
+
+def test_error_follows_the_tolerance(result: dict[str, Any]) -> None:
+    for case in result["normalisation"]:
+        ours = points_of(case, "ours")
+        errors = np.array([p["error"] for p in ours])
+        rtols = np.array([float(p["setting"]) for p in ours])
+        assert (errors <= np.maximum(rtols, 2e-12)).all()
+        floored = np.maximum(errors, 2e-14)
+        assert (np.diff(floored) <= 0.0).all()
+        assert (np.diff([p["evaluations"] for p in ours]) >= 0).all()
+
+
+def test_grids_and_adaptive_integration_agree_with_ours(result: dict[str, Any]) -> None:
+    paint = result["normalisation"][0]
+    grids = [p["error"] for p in points_of(paint, "tensor grid")]
+    assert (np.diff(grids) < 0.0).all()
+    assert grids[-1] < 1e-6
+    assert points_of(paint, "scipy dblquad")[-1]["error"] < 1e-6
+
+
+def test_posterior_does_not_move_at_the_standard_tolerance(result: dict[str, Any]) -> None:
+    largest = {
+        row["rtol"]: max(map(abs, row["shift"])) for row in result["posterior_shift"]["rows"]
+    }
+    assert largest[1e-6] < 0.01
+    assert largest[1e-9] < largest[1e-4] < largest[1e-2]
+
+
+def test_longer_inference_is_near_the_reference(result: dict[str, Any]) -> None:
+    assert result["ladder"]["reference"]["k_hat"] < 0.7
+    for row in result["ladder"]["rows"]:
+        assert row["error_mean"] < 0.2, row
+        assert row["error_sd"] < 0.2, row
+
+
+def test_map_shows_where_the_closed_forms_fail(result: dict[str, Any]) -> None:
+    closed, few = (np.array(result["error_map"][k]) for k in ("closed_form", "few_terms"))
+    assert closed.shape == few.shape
+    assert np.isfinite(closed).all()
+    assert np.median(few) < np.median(closed)
+    assert closed.max() > 0.1
+
+
+def test_closed_form_is_the_limit_of_narrow_lobes_at_normal_incidence() -> None:
+    inc, surf = incidence(0.0), normalisation.surface_of(normalisation.paint(1e-3))
+    exact = normalisation_integrals(inc, surf, 10.0, workspace())
+    np.testing.assert_allclose(closed_form.closed_form(inc, surf), exact, rtol=2e-3)
+
+
+def test_plain_likelihood_is_the_same_likelihood() -> None:
+    """With a finer grid plain NumPy approaches the kernel; with the same numbers, no other law."""
+    posterior = speed.paper_posterior()
+    x = speed.parameter_sets(posterior, 1)
+    ours = posterior.log_likelihood(x)[0]
+    coarse, fine = (abs(baselines.PlainLikelihood(posterior, n)(x[0]) - ours) for n in (60, 240))
+    assert fine < 0.1 * coarse
+    assert fine < 0.2
+
+
+@pytest.fixture(scope="module")
+def guard() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("ratios", BENCHMARKS / "ratios.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_guard_stores_every_ratio_and_says_what_is_worse(guard: ModuleType) -> None:
+    stored = json.loads((BENCHMARKS / "ratios.json").read_text(encoding="utf-8"))["ratios"]
+    assert set(stored) == set(guard.WORDS) == set(guard.MARGINS)
+    assert not any(line.startswith("WORSE") for line in guard.judge(stored, stored))
+    for name, margin in guard.MARGINS.items():
+        factor = 1.01 * margin
+        worse = stored[name] / factor if name in guard.LARGER_IS_BETTER else stored[name] * factor
+        lines = guard.judge({**stored, name: worse}, stored)
+        assert [line.startswith("WORSE") for line in lines].count(True) == 1
