@@ -10,6 +10,7 @@ import json
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -45,7 +46,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
     """
     options = build_parser().parse_args(arguments)
-    signal.signal(signal.SIGTERM, _interrupt)
+    _interrupted.clear()
+    for kind in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(kind, _interrupt)
     try:
         code: int = options.run(options)
         sys.stdout.flush()
@@ -61,7 +64,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
+_interrupted = threading.Event()
+
+
 def _interrupt(*_: object) -> NoReturn:
+    """Raise, and remember: an exception that meets a foreign callback is lost there."""
+    _interrupted.set()
     raise KeyboardInterrupt
 
 
@@ -242,7 +250,7 @@ def _fit(options: argparse.Namespace) -> int:
     run = fit_file(
         options.csv, config, sample=options.sample, wavelength_um=options.wavelength,
         out=options.out, seed=options.seed, resume=options.resume,
-        observer=observer(quiet=options.quiet),
+        observer=observer(quiet=options.quiet, interrupted=_interrupted.is_set),
     )  # fmt: skip
     print(run.folder)
     if run.status != "done":

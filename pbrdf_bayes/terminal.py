@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 
 from pbrdf_bayes.inference.sampling import Progress
 from pbrdf_bayes.workflow import Observer
@@ -10,14 +11,19 @@ from pbrdf_bayes.workflow import Observer
 _BAR = 24
 
 
-def observer(*, quiet: bool) -> Observer:
-    """An observer that writes to stderr; silent with ``quiet``."""
-    if quiet:
-        return Observer()
+def observer(*, quiet: bool, interrupted: Callable[[], bool]) -> Observer:
+    """An observer that writes to stderr, silent with ``quiet``, and stops an interrupted run."""
     live = sys.stderr.isatty()
+
+    def say(text: str, end: str) -> None:
+        if interrupted():
+            raise KeyboardInterrupt
+        if not quiet:
+            _write(text, end=end)
+
     return Observer(
-        stage=lambda name: _write(f"{name} ...", end="\n"),
-        progress=lambda p: _write(progress_line(p), end="\r" if live and p.seconds_left else "\n"),
+        stage=lambda name: say(f"{name} ...", "\n"),
+        progress=lambda p: say(progress_line(p), "\r" if live and p.seconds_left else "\n"),
     )
 
 

@@ -36,7 +36,11 @@ def start_fit(csv: Path, out: Path, *options: str) -> subprocess.Popen[str]:
 def stop(process: subprocess.Popen[str], kind: signal.Signals) -> int:
     """Signal the process, read what it still says, return its exit code."""
     process.send_signal(kind)
-    process.communicate(timeout=60)
+    try:
+        process.communicate(timeout=120)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.communicate()
     return process.returncode
 
 
