@@ -156,7 +156,9 @@ def test_the_errors_are_a_closed_list() -> None:
     """Every error class of the package derives from one base and is public."""
     from pbrdf_bayes import errors
 
-    found = {n for n, v in vars(errors).items() if inspect.isclass(v) and v.__module__ == errors.__name__}
+    found = {
+        n for n, v in vars(errors).items() if inspect.isclass(v) and v.__module__ == errors.__name__
+    }
     assert found == set(ERRORS)
     assert {pb.DataError, pb.ConfigError, pb.DomainError} <= set(ValueError.__subclasses__())
     assert issubclass(pb.ConvergenceError, pb.FitError)
