@@ -116,7 +116,7 @@ def _add_fit(verbs: Any) -> None:
                         help="draft, standard (default) or reference")  # fmt: skip
     parser.add_argument("--effects", metavar="NAMES",
                         help="none (default: the four-parameter model), or names")  # fmt: skip
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed (default 1)")
+    parser.add_argument("--seed", type=_seed, default=1, metavar="N", help="seed (default 1)")
     parser.add_argument("--resume", action="store_true",
                         help="start or redo the run in DIR; a finished one is kept")  # fmt: skip
     parser.add_argument("--strict", action="store_true", help="exit 4 when the verdict is FAIL")
@@ -152,7 +152,7 @@ def _add_simulate(verbs: Any) -> None:
                         help="incidence angles of DHR readings (10,20..80; none: '')")  # fmt: skip
     parser.add_argument("--sample", default="paint_simulated", metavar="NAME")
     parser.add_argument("--wavelength", type=float, default=3.39, metavar="UM")
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of the noise")
+    parser.add_argument("--seed", type=_seed, default=1, metavar="N", help="seed of the noise")
     parser.add_argument("--noise", type=float, default=0.02, help="relative noise (0.02)")
     parser.add_argument("--dhr-noise", type=float, default=0.0005, help="noise of DHR (0.0005)")
     parser.add_argument("--calibration", type=float, default=0.0,
@@ -183,6 +183,13 @@ def _add_angles(parser: argparse.ArgumentParser, *, theta_r: str) -> None:
                         help=f"scattering angles ({theta_r}); --theta-r=-80:80:1")  # fmt: skip
     parser.add_argument("--polarization", type=_words, default=["s", "p"], metavar="s,p,u",
                         help="polarisations (s,p)")  # fmt: skip
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        msg = f"{text!r}: give a whole number that is not negative"
+        raise argparse.ArgumentTypeError(msg)
+    return int(text)
 
 
 def _numbers(text: str) -> list[float]:

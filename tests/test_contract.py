@@ -122,6 +122,27 @@ def test_bad_usage_writes_nothing(small_csv, tmp_path, capsys, options, message)
     assert not out.exists()
 
 
+def test_dhr_alone_is_enough(tmp_path):
+    """The first step of the paper's recipe: DHR gives n, k and sigma_N0, nothing gives rho0."""
+    csv = tmp_path / "dhr.csv"
+    options = ["--params", PARAMETERS, "--theta-i", "", "--out", str(csv)]
+    assert main(["simulate", *options]) == 0
+    assert main(["fit", str(csv), "--out", str(tmp_path / "run"), *DRAFT]) == 0
+    text = (tmp_path / "run" / "summary.json").read_text(encoding="utf-8")
+    parameters = json.loads(text)["parameters"]
+    assert not parameters["rho0"]["identified"]
+    assert parameters["sigma_n0"]["identified"]
+
+
+@pytest.mark.parametrize("verb", ["fit", "simulate"])
+def test_a_negative_seed_is_refused(verb, tmp_path, capsys):
+    given = {"fit": ["x.csv"], "simulate": ["--params", PARAMETERS, "--out", "x.csv"]}[verb]
+    with pytest.raises(SystemExit) as stopped:
+        main([verb, *given, "--seed", "-1"])
+    assert stopped.value.code == 2
+    assert "not negative" in capsys.readouterr().err
+
+
 def test_predict_has_the_columns_of_the_contract(finished_run, capsys):
     given = ["--theta-i", "30", "--theta-r=-10:10:10", "--dhr-theta-i", "30"]
     assert main(["predict", str(finished_run), *given]) == 0

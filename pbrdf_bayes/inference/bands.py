@@ -112,6 +112,8 @@ def replicate_brdf(
 
     A polarisation without a scan of its own takes the largest noise of the others.
     """
+    if not targets.polarization.size:
+        return curves
     names = posterior.parameter_names
     inferred = {n[-1]: draws[:, i] for i, n in enumerate(names) if n.startswith("s_rel_")}
     largest = np.max(list(inferred.values()), axis=0) if inferred else np.zeros(len(draws))

@@ -204,9 +204,14 @@ def _run_ensembles(
     """Advance all ensembles in rounds until two rounds in a row pass."""
     started = time.perf_counter()
     seeds = np.random.SeedSequence(seed).generate_state(config.n_ensembles).tolist()
-    moves, words = choose_moves(mixture, quick)
-    ensembles = [
-        _Ensemble(posterior, start_walkers(posterior, mixture, config.n_walkers, s), s, moves)
+    _, words = choose_moves(mixture, quick)
+    ensembles = [  # moves keep state while they propose: one set for each ensemble and its thread
+        _Ensemble(
+            posterior,
+            start_walkers(posterior, mixture, config.n_walkers, s),
+            s,
+            choose_moves(mixture, quick)[0],
+        )
         for s in seeds
     ]
     passed = 0
