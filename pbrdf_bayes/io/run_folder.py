@@ -140,6 +140,13 @@ def _write_bytes(path: Path, content: bytes) -> None:
 def save_analysis(analysis: Analysis, folder: Path, *, report: str, log: str) -> None:
     """Write a run; the summary comes last and marks it as finished.
 
+    Parameters
+    ----------
+    analysis : Analysis
+    folder : Path
+    report, log : str
+        The page and the log of the run.
+
     Raises
     ------
     RunFolderError
@@ -167,6 +174,15 @@ def _write_netcdf(tree: xr.DataTree, path: Path) -> None:
 
 def load_analysis(folder: Path) -> Analysis:
     """Read a finished run back.
+
+    Parameters
+    ----------
+    folder : Path
+        The run folder.
+
+    Returns
+    -------
+    Analysis
 
     Raises
     ------

@@ -91,6 +91,14 @@ def test_parts_of_the_prior_without_density_are_survived(make_law: MakeLaw) -> N
     np.testing.assert_allclose(find_map(law, seed=5).best.x, [0.01, 0.0], atol=1e-3)
 
 
+@pytest.mark.parametrize("n_starts", [1, 3, 6, 8])
+def test_any_number_of_starts_will_do(n_starts: int, make_law: MakeLaw) -> None:
+    law = make_law(lambda x: -np.sum(x**2, axis=1), [-1, -1], [1, 1])
+    found = find_map(law, n_starts=n_starts, seed=1)
+    np.testing.assert_allclose(found.best.x, 0.0, atol=1e-3)
+    assert found.n_starts == n_starts
+
+
 def test_same_seed_same_optimum(small_posterior: Posterior) -> None:
     first, again = (find_map(small_posterior, seed=7) for _ in range(2))
     np.testing.assert_array_equal(first.best.x, again.best.x)
