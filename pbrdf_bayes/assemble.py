@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pbrdf_bayes import __version__
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.data_checks import DataCheck
-from pbrdf_bayes.inference.bands import Bands, Targets, replicate_brdf, replicate_dhr
+from pbrdf_bayes.inference.bands import Bands, Targets, replicate_brdf, replicate_dhr, scan_scales
 from pbrdf_bayes.inference.diagnostics import (
     CONTRACTION_WARN,
     FAIL,
@@ -61,6 +61,7 @@ class Stages:
     curves: tuple[Targets, NDArray[np.bool_], Bands]
     dhr_curves: tuple[Targets, NDArray[np.bool_], Bands]
     holdout: Holdout | None
+    scales: Array | None
     normalisation_error: float
     microseconds: float
     timings: Mapping[str, float]
@@ -151,6 +152,8 @@ def _input(s: Stages) -> dict[str, Any]:
             "rms_dex": s.residuals.scan_rms[i],
             "bias_dex": s.residuals.scan_bias[i],
             "lag1": s.residuals.scan_lag1[i],
+            "scale": 1.0 if s.scales is None else s.scales[:, i].mean(),
+            "u_scale": 0.0 if s.scales is None else s.scales[:, i].std(),
         }
         for i, scan in enumerate(m.scans)
     ]
@@ -313,7 +316,10 @@ def _predictive(s: Stages) -> xr.Dataset:
     picked = s.draws.flat[rng.choice(len(s.draws.flat), n_draws)]
     brdf, dhr = s.posterior.predict(picked)
     targets = Targets(m.brdf.polarization, m.brdf.theta_i_deg, m.brdf.theta_r_deg, m.brdf.phi_r_deg)
-    brdf = replicate_brdf(s.posterior, picked, brdf, targets, rng)
+    scales = scan_scales(s.posterior, picked, rng)
+    if scales is not None:
+        scales = np.repeat(scales, [len(scan) for scan in m.scans], axis=1)
+    brdf = replicate_brdf(s.posterior, picked, brdf, targets, rng, scales=scales)
     dhr = replicate_dhr(s.posterior, picked, dhr, m.dhr.polarization, rng)
     return xr.Dataset(
         {

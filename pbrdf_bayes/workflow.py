@@ -19,13 +19,19 @@ from pbrdf_bayes.assemble import Stages, assemble, measurement_of
 from pbrdf_bayes.config import ACCURACIES, RunConfig
 from pbrdf_bayes.data_checks import DataCheck, check_measurement
 from pbrdf_bayes.errors import DataError, RunFolderError
-from pbrdf_bayes.inference.bands import Bands, Targets, predict_bands
+from pbrdf_bayes.inference.bands import Bands, Targets, inside_band, predict_bands, scan_scales
 from pbrdf_bayes.inference.diagnostics import assess_identifiability, run_diagnostics
 from pbrdf_bayes.inference.holdout import run_holdout
 from pbrdf_bayes.inference.laplace import laplace_mixture
-from pbrdf_bayes.inference.map_fit import MapResult, find_map, fit_least_squares
+from pbrdf_bayes.inference.least_squares import fit_least_squares
+from pbrdf_bayes.inference.map_fit import MapResult, find_map
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
-from pbrdf_bayes.inference.residuals import compute_residuals, effective_share, white_noise_dex
+from pbrdf_bayes.inference.residuals import (
+    calibrated_residuals,
+    compute_residuals,
+    effective_share,
+    white_noise_dex,
+)
 from pbrdf_bayes.inference.sampling import Draws, Progress, sample_posterior
 from pbrdf_bayes.io import run_folder
 from pbrdf_bayes.io.config_toml import config_from_table, config_table
@@ -118,7 +124,7 @@ def _fit_posterior(
         optima = find_map(posterior, seed=seed)
         best_x, best_rms = fit_least_squares(posterior, np.array([o.x for o in optima.optima]))
         residuals = compute_residuals(posterior, optima.best.x)
-        best = compute_residuals(posterior, best_x)
+        best = calibrated_residuals(posterior, best_x)
     with clock.stage("sample"):
         draws = _sample(posterior, optima, seed, clock.observer.progress)
     with clock.stage("identify"):
@@ -130,20 +136,21 @@ def _fit_posterior(
         picked = draws.flat[rng.choice(len(draws.flat), _N_BAND_DRAWS)]
         curves = _predicted_curves(posterior, picked, optima.best.x, rng)
         dhr_curves = _predicted_dhr(posterior, picked, optima.best.x, rng)
-        coverage = _coverage(posterior, picked, optima.best.x, rng)
+        scales = scan_scales(posterior, picked, rng)
+        covered = _covered(posterior, picked, optima.best.x, scales, rng)
     with clock.stage("hold out"):
         holdout = run_holdout(posterior.measurement, config, seed=seed) if config.holdout else None
     diagnostics = run_diagnostics(
         config=config, draws=draws, optima=optima, residuals=best, best_rms_dex=best_rms,
         white_noise_dex=white_noise_dex(posterior), identifiability=identifiability,
-        coverage=coverage, holdout=holdout,
+        covered=covered, holdout=holdout,
     )  # fmt: skip
     return assemble(
         Stages(
             posterior=posterior, seed=seed, checks=checks, optima=optima, draws=draws,
             least_squares=(best_x, best_rms), residuals=residuals, best_dex=best.dex,
             identifiability=identifiability, diagnostics=diagnostics, curves=curves,
-            dhr_curves=dhr_curves, holdout=holdout,
+            dhr_curves=dhr_curves, holdout=holdout, scales=scales,
             normalisation_error=_normalisation_error(posterior, optima.best.x),
             microseconds=_microseconds(posterior, optima.best.x), timings=clock.timings,
         )
@@ -228,19 +235,23 @@ def _predicted_dhr(
     return targets, flags, predict_bands(posterior, draws, x_map, targets, rng)
 
 
-def _coverage(posterior: Posterior, draws: Array, x_map: Array, rng: np.random.Generator) -> float:
-    """Share of the BRDF readings inside the 90 % predictive band; NaN without any."""
+def _covered(
+    posterior: Posterior, draws: Array, x_map: Array, scales: Array | None, rng: np.random.Generator
+) -> tuple[int, int]:
+    """Number of BRDF readings inside the 90 % predictive band, and of readings looked at."""
     brdf = posterior.measurement.brdf
     if not len(brdf):
-        return float("nan")
+        return 0, 0
     every = max(1, ceil(len(brdf) / 20_000))
     targets = Targets(
         brdf.polarization[::every], brdf.theta_i_deg[::every],
         brdf.theta_r_deg[::every], brdf.phi_r_deg[::every],
     )  # fmt: skip
-    band = predict_bands(posterior, draws, x_map, targets, rng).predictive
-    value = brdf.value[::every]
-    return float(np.mean((value >= band[:, 0]) & (value <= band[:, -1])))
+    if scales is not None:
+        scales = np.repeat(scales, np.diff(posterior.rows.scan_start), axis=1)[:, ::every]
+    band = predict_bands(posterior, draws, x_map, targets, rng, scales=scales).predictive
+    inside = inside_band(brdf.value[::every], band, posterior.config.brdf_floor, rng)
+    return int(inside.sum()), inside.size
 
 
 def _normalisation_error(posterior: Posterior, x: Array) -> float:

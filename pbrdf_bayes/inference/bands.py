@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.inference.residuals import floored, row_weights, scan_gains
 from pbrdf_bayes.physics.brdf import prepare_geometry
 from pbrdf_bayes.results import QUANTILES
 
@@ -50,8 +51,9 @@ class Targets:
 
 
 def predict_bands(
-    posterior: Posterior, draws: Array, x_map: Array, targets: Targets, rng: np.random.Generator
-) -> Bands:
+    posterior: Posterior, draws: Array, x_map: Array, targets: Targets, rng: np.random.Generator,
+    *, scales: Array | None = None,
+) -> Bands:  # fmt: skip
     """Bands of the model and of new readings at the targets.
 
     Parameters
@@ -64,6 +66,9 @@ def predict_bands(
         All BRDF [sr^-1] or all DHR [1].
     rng : numpy.random.Generator
         Noise of the predictive band.
+    scales : ndarray, shape (n_draws, n_points), optional
+        Calibration factors of the scans that the points belong to, see `scan_scales`; those of
+        other scans are drawn from what is known of a scan not yet measured.
 
     Returns
     -------
@@ -87,13 +92,41 @@ def predict_bands(
     readings = (
         replicate_dhr(posterior, draws, curves, targets.polarization, rng)
         if hemispherical
-        else replicate_brdf(posterior, draws, curves, targets, rng)
+        else replicate_brdf(posterior, draws, curves, targets, rng, scales=scales)
     )
     return Bands(
         model=np.quantile(curves, QUANTILES, axis=0).T.reshape(n, -1),
         predictive=np.quantile(readings, QUANTILES, axis=0).T.reshape(n, -1),
         at_map=posterior.predict(x_map[None, :], geometry)[which][0],
     )
+
+
+def inside_band(value: Array, band: Array, floor: float, rng: np.random.Generator) -> Array:
+    """Which readings lie inside the 90 % band.
+
+    A censored reading, at or below the floor, lies somewhere there: its place in the predictive
+    distribution is drawn among those that the band has below the floor.
+
+    Parameters
+    ----------
+    value : ndarray, shape (n_points,)
+        Readings [sr^-1].
+    band : ndarray, shape (n_points, n_quantiles)
+        Predictive quantiles `QUANTILES`.
+    floor : float
+        Noise-equivalent BRDF [sr^-1].
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    ndarray of bool, shape (n_points,)
+    """
+    inside = (value >= band[:, 0]) & (value <= band[:, -1])
+    if floor > 0.0:
+        for i in np.flatnonzero(value <= floor):
+            below = np.interp(floor, band[i], QUANTILES, left=0.0, right=1.0)
+            inside[i] = QUANTILES[0] <= below * rng.random() <= QUANTILES[-1]
+    return np.asarray(inside)
 
 
 def stratified_normal(rng: np.random.Generator, shape: tuple[int, int]) -> Array:
@@ -106,8 +139,9 @@ def stratified_normal(rng: np.random.Generator, shape: tuple[int, int]) -> Array
 
 
 def replicate_brdf(
-    posterior: Posterior, draws: Array, curves: Array, targets: Targets, rng: np.random.Generator
-) -> Array:
+    posterior: Posterior, draws: Array, curves: Array, targets: Targets, rng: np.random.Generator,
+    *, scales: Array | None = None,
+) -> Array:  # fmt: skip
     """New readings [sr^-1] for curves of shape (n_draws, n_points): gain of the scan, noise, floor.
 
     A polarisation without a scan of its own takes the largest noise of the others.
@@ -123,6 +157,8 @@ def replicate_brdf(
     scan = 3 * scan.ravel() + np.searchsorted(["p", "s", "u"], targets.polarization)
     gains = stratified_normal(rng, (len(draws), int(scan.max(initial=0)) + 1))
     gain = min(np.sqrt(posterior.rows.u_cal2), 1.0) * gains[:, scan]
+    if scales is not None:
+        gain = np.log(scales)
     floor = posterior.config.brdf_floor
     f2 = np.maximum(curves, 1e-280) ** 2
     stated2 = _stated_variance(posterior, targets.polarization)
@@ -140,6 +176,27 @@ def _stated_variance(posterior: Posterior, polarization: NDArray[np.str_]) -> Ar
         of_q = posterior.rows.u2[measured == q]
         variance[polarization == q] = np.median(of_q) if of_q.size else 0.0
     return variance
+
+
+def scan_scales(posterior: Posterior, draws: Array, rng: np.random.Generator) -> Array | None:
+    """Posterior draws of the calibration factor of each scan, shape (n_draws, n_scans).
+
+    None where the scale is taken as exact.
+    """
+    rows = posterior.rows
+    if rows.u_cal2 == 0.0 or not len(posterior.measurement.scans):
+        return None
+    curves, _ = posterior.predict(draws)
+    residual = rows.y - floored(np.log(np.maximum(curves, 1e-280)), rows.floor2)
+    result = np.empty((len(draws), rows.noise_column.size))
+    for i, x in enumerate(draws):
+        weight = row_weights(posterior, x)
+        shares = np.add.reduceat(weight, rows.scan_start[:-1])
+        s2 = x[rows.noise_column] ** 2
+        sd = np.sqrt(s2 / (shares + s2 / rows.u_cal2))
+        centre = scan_gains(posterior, x, residual[i], weight)
+        result[i] = np.exp(centre + sd * rng.standard_normal(sd.size))
+    return result
 
 
 def replicate_dhr(

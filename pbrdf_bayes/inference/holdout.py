@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.config import RunConfig
-from pbrdf_bayes.inference.bands import Targets, predict_bands
+from pbrdf_bayes.inference.bands import Targets, inside_band, predict_bands
 from pbrdf_bayes.inference.laplace import laplace_mixture
 from pbrdf_bayes.inference.map_fit import find_map
 from pbrdf_bayes.inference.posterior import build_posterior
+from pbrdf_bayes.inference.residuals import weight_beside_floor
 from pbrdf_bayes.inference.sampling import sample_posterior
-from pbrdf_bayes.measurement import Measurement, select_scans
+from pbrdf_bayes.measurement import Measurement, Scan, select_scans
 
 Array = NDArray[np.float64]
 
@@ -35,7 +36,9 @@ class Holdout:
         Angles [deg] and readings [sr^-1] left out.
     predictive_band : ndarray, shape (n_obs, n_quantiles)
     rms_dex, coverage_90, width_dex : float
-        Of log10(measured/predicted median), of the 90 % predictive band, and its mean width.
+        Of log10(measured/predicted median), readings weighted down as they come near the floor;
+        of the 90 % predictive band; its mean width. Where the scale of a scan is free, its median
+        is brought onto its readings first.
     scans : tuple of dict
         The same three figures for each scan left out, with its ``label``.
     """
@@ -53,15 +56,23 @@ class Holdout:
 
 
 def choose_scan(measurement: Measurement) -> int | None:
-    """Scan that the recipe fits: s or unpolarised, off normal, not grazing; None if impossible."""
-    if len(measurement.scans) < 2 or not len(measurement.dhr):
+    """Scan that the recipe fits: in plane, s or unpolarised, off normal, not grazing.
+
+    None where there is no DHR, or no scan of another geometry to predict.
+    """
+    if len({_geometry(scan) for scan in measurement.scans}) < 2 or not len(measurement.dhr):
         return None
 
-    def merit(index: int) -> tuple[bool, bool, float]:
+    def merit(index: int) -> tuple[bool, bool, bool, float]:
         scan = measurement.scans[index]
-        return (scan.polarization == "p", scan.theta_i_deg == 0.0, abs(scan.theta_i_deg - 20.0))
+        off_plane, normal = scan.phi_r_deg != 0.0, scan.theta_i_deg == 0.0
+        return (off_plane, scan.polarization == "p", normal, abs(scan.theta_i_deg - 20.0))
 
     return min(range(len(measurement.scans)), key=merit)
+
+
+def _geometry(scan: Scan) -> tuple[str, float, float]:
+    return scan.polarization, scan.theta_i_deg, scan.phi_r_deg
 
 
 def run_holdout(measurement: Measurement, config: RunConfig, *, seed: int) -> Holdout | None:
@@ -69,7 +80,9 @@ def run_holdout(measurement: Measurement, config: RunConfig, *, seed: int) -> Ho
     chosen = choose_scan(measurement)
     if chosen is None:
         return None
-    keep = np.arange(len(measurement.scans)) == chosen
+    scans = measurement.scans
+    keep = np.arange(len(scans)) == chosen
+    other = np.array([_geometry(scan) != _geometry(scans[chosen]) for scan in scans])
     draft = replace(config, accuracy="draft", priors=_applicable(config, measurement, chosen))
     posterior = build_posterior(select_scans(measurement, keep, dhr=True), draft)
     optima = find_map(posterior, n_starts=_N_STARTS, seed=seed)
@@ -78,11 +91,31 @@ def run_holdout(measurement: Measurement, config: RunConfig, *, seed: int) -> Ho
     )
     rng = np.random.default_rng([seed, 3])
     picked = draws.flat[rng.choice(len(draws.flat), _N_DRAWS)]
-    left_out = select_scans(measurement, ~keep, dhr=False)
+    left_out = select_scans(measurement, other, dhr=False)
     brdf = left_out.brdf
     targets = Targets(brdf.polarization, brdf.theta_i_deg, brdf.theta_r_deg, brdf.phi_r_deg)
-    bands = predict_bands(posterior, picked, optima.best.x, targets, rng)
-    return _score(left_out, bands.predictive, measurement.scans[chosen].label)
+    noise = float(optima.best.x[posterior.rows.noise_column[0]])
+    weight = weight_beside_floor(brdf.value, config.brdf_floor, noise)
+    weight[brdf.value <= config.brdf_floor] = 0.0
+    shapes_only = config.brdf_scale == "relative"
+    if shapes_only:
+        posterior = replace(posterior, rows=posterior.rows._replace(u_cal2=0.0))
+    band = predict_bands(posterior, picked, optima.best.x, targets, rng).predictive
+    if shapes_only:
+        band = _scaled_to_scans(left_out, band, weight)
+    inside = inside_band(brdf.value, band, config.brdf_floor, rng)
+    return _score(left_out, band, weight, inside, scans[chosen].label, shapes_only=shapes_only)
+
+
+def _scaled_to_scans(left_out: Measurement, band: Array, weight: Array) -> Array:
+    """Bands times the factor that brings the median of each scan onto its readings."""
+    scaled = band.copy()
+    error = np.log(np.where(weight > 0.0, left_out.brdf.value, band[:, 2]) / band[:, 2])
+    for scan in left_out.scans:
+        share = weight[scan.rows]
+        if share.sum() > 0.0:
+            scaled[scan.rows] *= np.exp(np.average(error[scan.rows], weights=share))
+    return scaled
 
 
 def _applicable(
@@ -93,28 +126,33 @@ def _applicable(
     return {name: table for name, table in config.priors.items() if name not in other}
 
 
-def _score(left_out: Measurement, band: Array, fitted: str) -> Holdout:
-    positive = np.where(left_out.brdf.value > 0.0, left_out.brdf.value, np.nan)
-    error = np.log10(positive / band[:, 2])
-    inside = (left_out.brdf.value >= band[:, 0]) & (left_out.brdf.value <= band[:, 4])
+def _score(
+    left_out: Measurement, band: Array, weight: Array, inside: Array, fitted: str,
+    *, shapes_only: bool,
+) -> Holdout:  # fmt: skip
+    value = np.where(weight > 0.0, left_out.brdf.value, band[:, 2])
+    error = np.log10(value / band[:, 2])
     width = np.log10(band[:, 4] / band[:, 0])
 
     def figures(rows: slice) -> dict[str, float | str]:
+        share = weight[rows].sum()
+        square = np.sum(weight[rows] * error[rows] ** 2) / share if share > 0.0 else np.nan
         return {
-            "rms_dex": float(np.sqrt(np.nanmean(error[rows] ** 2))),
+            "rms_dex": float(np.sqrt(square)),
             "coverage_90": float(np.mean(inside[rows])),
             "width_dex": float(np.mean(width[rows])),
         }
 
     everything = figures(slice(None))
     label = np.concatenate([np.full(len(scan), scan.label) for scan in left_out.scans])
+    n = len(left_out.scans)
     rms, coverage = float(everything["rms_dex"]), float(everything["coverage_90"])
     return Holdout(
         fitted=f"DHR and the scan {fitted}",
         statement=(
-            f"Fitted to DHR and the scan {fitted} alone, the model predicts the other "
-            f"{len(left_out.scans)} scans within {rms:.3f} dex rms; {100 * coverage:.0f} % of "
-            "their readings lie inside the 90 % predictive band."
+            f"Fitted to DHR and the scan {fitted} alone, the model predicts "
+            f"{'the shapes of ' * shapes_only}{n} other scan{'s' * (n != 1)} within {rms:.3f} dex "
+            f"rms; {100 * coverage:.0f} % of their readings lie inside the 90 % predictive band."
         ),
         scan=label,
         theta_r_deg=left_out.brdf.theta_r_deg,

@@ -15,10 +15,10 @@ from pbrdf_bayes.inference.posterior import Posterior
 Array = NDArray[np.float64]
 
 K_HAT_LIMIT = 0.7
-_ROUNDS = 6
+_ROUNDS = 8
 _ROUND_SIZE = 2_000
 _GOOD_SHARE = 0.5
-_COMPONENTS = 4
+_COMPONENTS = 6
 _FIRST_WIDENING = 1.5
 _FEWEST_EFFECTIVE = 25.0
 

@@ -1,18 +1,18 @@
-"""Optima of the posterior by multi-start nlopt, and the least-squares optimum of the same model."""
+"""Optima of the posterior by multi-start nlopt."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
+from math import ceil, log2
 
 import nlopt
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 from scipy.stats import qmc
 
 from pbrdf_bayes.errors import FitError
 from pbrdf_bayes.inference.posterior import Posterior
-from pbrdf_bayes.physics.brdf import LOG_TINY, evaluate_gradient
 
 Array = NDArray[np.float64]
 
@@ -21,6 +21,9 @@ _SCREENED_PER_START = 16
 _SAME_OPTIMUM_NATS = 0.05
 _SAME_OPTIMUM_WIDTH = 0.02
 _FLOOR = -1e25
+_MAX_ROUNDS = 20
+_EVALUATIONS = 400
+_NOTHING_GAINED_NATS = 1e-6
 _NLOPT_ERRORS = (
     nlopt.RoundoffLimited,
     getattr(nlopt, "exception", RuntimeError),  # before 2.11 a plain RuntimeError
@@ -57,7 +60,7 @@ class MapResult:
     optima : tuple of Optimum
     n_starts : int
     n_failed : int
-        Starts from which the optimiser found nothing finite.
+        Starts from which the optimiser found nothing finite, or stopped on a slope.
     """
 
     optima: tuple[Optimum, ...]
@@ -81,7 +84,7 @@ def find_map(posterior: Posterior, *, n_starts: int = 16, seed: int) -> MapResul
     """Maximise the posterior from many starts.
 
     Starts are Sobol points of the prior, the better half of those kept by density and the rest as
-    they come, so that separated modes are visited. nlopt's L-BFGS climbs, BOBYQA polishes.
+    they come, so that separated modes are visited. nlopt climbs from each, see `climb`.
 
     Parameters
     ----------
@@ -100,7 +103,7 @@ def find_map(posterior: Posterior, *, n_starts: int = 16, seed: int) -> MapResul
     """
     low, high = coordinate_bounds(posterior)
     sobol = qmc.Sobol(posterior.n_par, rng=np.random.default_rng(seed))
-    points = sobol.random(n_starts * _SCREENED_PER_START)
+    points = sobol.random_base2(ceil(log2(n_starts * _SCREENED_PER_START)))
     x = posterior.prior_quantile(np.clip(points, 1e-3, 1.0 - 1e-3))
     density = posterior.log_prob(x)
     order = np.argsort(-density)
@@ -118,13 +121,65 @@ def find_map(posterior: Posterior, *, n_starts: int = 16, seed: int) -> MapResul
             "density. Check units and values of the readings and the support of the priors"
         )
         raise FitError(msg)
-    return MapResult(_distinct(posterior, finite, low, high), n_starts, n_starts - len(finite))
+    ends = [end for end in finite if is_stationary(posterior, end[0], low, high)] or finite
+    return MapResult(_distinct(posterior, ends, low, high), n_starts, n_starts - len(ends))
 
 
 def climb(posterior: Posterior, start: Array, low: Array, high: Array) -> tuple[Array, float]:
-    """Nearest maximum uphill of ``start`` (coordinates z) and its log-density."""
+    """Nearest maximum uphill of ``start`` (coordinates z) and its log-density.
+
+    L-BFGS is begun again where it stopped until it gains nothing. Where a slope is left, BOBYQA
+    goes on without slopes. From an end at a bound the climb is tried again from inside: on the
+    bound k = 0 the slope by k vanishes even where the density rises inwards.
+    """
+    end = _climb_smoothly(posterior, start, low, high)
+    inside = np.clip(end[0], *_moved_in(low, high))
+    if np.isfinite(end[1]) and not np.array_equal(inside, end[0]):
+        again = _climb_smoothly(posterior, inside, low, high)
+        end = max(end, again, key=lambda found: found[1])
+    return end
+
+
+def _climb_smoothly(
+    posterior: Posterior, start: Array, low: Array, high: Array
+) -> tuple[Array, float]:
+    end = (np.clip(start, low, high), -np.inf)
+    for algorithm in (nlopt.LD_LBFGS, nlopt.LN_BOBYQA, nlopt.LD_LBFGS):
+        for _ in range(_MAX_ROUNDS):
+            before = end[1]
+            end = _search(posterior, algorithm, end, low, high)
+            if not end[1] > before + _NOTHING_GAINED_NATS:
+                break
+        if is_stationary(posterior, end[0], low, high):
+            break
+    return end
+
+
+def is_stationary(posterior: Posterior, z: Array, low: Array, high: Array) -> bool:
+    """Tell whether a step of a thousandth of the width along the slopes would gain next to nothing.
+
+    Slopes that point out of the bounds do not count.
+    """
+    slope = posterior.gradient_coordinates(z[None, :])[1][0]
+    outwards = ((z <= low) & (slope < 0.0)) | ((z >= high) & (slope > 0.0))
+    step = 1e-3 * np.minimum(high - low, 1.0)
+    return bool(np.all(np.abs(np.where(outwards, 0.0, slope)) * step < _SAME_OPTIMUM_NATS))
+
+
+def _moved_in(low: Array, high: Array) -> tuple[Array, Array]:
+    """Bounds a little inside the given ones."""
+    step = 0.05 * np.minimum(high - low, 1.0)
+    return low + step, high - step
+
+
+def _search(
+    posterior: Posterior, algorithm: int, start: tuple[Array, float], low: Array, high: Array
+) -> tuple[Array, float]:
+    """One run of nlopt; the best point it saw, whatever way it ended."""
+    best = start
 
     def objective(z: Array, grad: Array) -> float:
+        nonlocal best
         if grad.size:
             values, slopes = posterior.gradient_coordinates(z[None, :])
             value = float(values[0])
@@ -132,24 +187,20 @@ def climb(posterior: Posterior, start: Array, low: Array, high: Array) -> tuple[
         else:
             value = float(posterior.log_prob(posterior.from_coordinates(z[None, :]))[0])
         if np.isfinite(value) and value > best[1]:
-            best[0], best[1] = z.copy(), value
+            best = z.copy(), value
         return value if np.isfinite(value) else _FLOOR
 
-    best: list[Array | float] = [start, -np.inf]
-    for algorithm, evaluations in ((nlopt.LD_LBFGS, 300), (nlopt.LN_BOBYQA, 400)):
-        search = nlopt.opt(algorithm, start.size)
-        search.set_max_objective(objective)
-        search.set_lower_bounds(low)
-        search.set_upper_bounds(high)
-        search.set_ftol_abs(1e-9)
-        search.set_maxeval(evaluations)
-        if algorithm == nlopt.LN_BOBYQA:
-            search.set_initial_step(0.01)
-        try:
-            search.optimize(np.clip(np.asarray(best[0]), low, high))
-        except _NLOPT_ERRORS:
-            continue  # the best point so far is kept in ``best``
-    return np.asarray(best[0]), float(np.asarray(best[1]))
+    search = nlopt.opt(algorithm, start[0].size)
+    search.set_max_objective(objective)
+    search.set_lower_bounds(low)
+    search.set_upper_bounds(high)
+    search.set_ftol_abs(1e-9)
+    search.set_maxeval(_EVALUATIONS)
+    if algorithm == nlopt.LN_BOBYQA:
+        search.set_initial_step(0.01)
+    with suppress(*_NLOPT_ERRORS):  # the best point so far is kept
+        search.optimize(start[0])
+    return best
 
 
 def _distinct(
@@ -170,54 +221,3 @@ def _distinct(
         Optimum(posterior.from_coordinates(group[0][0][None, :])[0], group[0][1], len(group))
         for group in groups
     )
-
-
-def fit_least_squares(posterior: Posterior, starts: Array) -> tuple[Array, float]:
-    """Physical parameters that minimise the rms of ln(measured/model) over the BRDF rows.
-
-    No noise model, no calibration, no discrepancy: how well the model can follow the curves.
-
-    Parameters
-    ----------
-    posterior : Posterior
-    starts : ndarray, shape (n_starts, n_par)
-        Parameters to start from, physical units.
-
-    Returns
-    -------
-    tuple of ndarray (n_par,) and float
-        Parameters (nuisance as in the best start) and the rms [dex]; NaN without BRDF rows.
-    """
-    y = posterior.rows.y[~posterior.rows.censored]
-    if y.size == 0:
-        return starts[0], float("nan")
-    low, high = coordinate_bounds(posterior)
-    low, high = low[:4], high[:4]
-
-    keep = ~posterior.rows.censored
-
-    def at(z: Array) -> Array:
-        full = posterior.to_coordinates(starts[:1])
-        full[0, :4] = z
-        return posterior.from_coordinates(full)
-
-    def residuals(z: Array) -> Array:
-        log_f, _, _, _ = evaluate_gradient(posterior.geometry, at(z), posterior.digits)
-        return np.asarray(y - np.maximum(log_f[0, keep], LOG_TINY))
-
-    def jacobian(z: Array) -> Array:
-        x = at(z)
-        _, _, slopes, _ = evaluate_gradient(posterior.geometry, x, posterior.digits)
-        scale = np.where(posterior.is_log[:4], x[0, :4], 1.0)
-        return np.asarray(-slopes[0, keep] * scale)
-
-    best_z, best_cost = posterior.to_coordinates(starts)[0, :4], np.inf
-    for start in posterior.to_coordinates(starts)[:, :4]:
-        margin = 1e-6 * np.minimum(high - low, 1.0)
-        fit = least_squares(
-            residuals, np.clip(start, low + margin, high - margin), jacobian,
-            bounds=(low, high), x_scale=np.array([0.1, 0.1, 0.1, 0.1]), max_nfev=200,
-        )  # fmt: skip
-        if fit.cost < best_cost:
-            best_z, best_cost = fit.x, fit.cost
-    return at(best_z)[0], float(np.sqrt(2.0 * best_cost / y.size) / np.log(10.0))

@@ -13,9 +13,10 @@ Array = NDArray[np.float64]
 _DOF = 6.0
 _SMALLEST_WEIGHT = 0.02
 _EM_STEPS = 25
+_FITTED_POINTS = 6_000
 _SHRINKAGE = 0.02
-_DEFENSIVE_SHARE = 0.1
-_DEFENSIVE_WIDTH = 1.5
+_DEFENSIVE_SHARE = 0.15
+_DEFENSIVE_WIDTH = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,14 +47,16 @@ class Mixture:
         """Natural log of weight times density of each component, shape (n_components, n_sets)."""
         n_par = z.shape[1]
         norm = lgamma(0.5 * (_DOF + n_par)) - lgamma(0.5 * _DOF) - 0.5 * n_par * log(_DOF * pi)
-        parts = []
-        for centre, factor, weight in zip(self.centres, self.factors, self.weights, strict=True):
-            distance = np.sum(np.linalg.solve(factor, (z - centre).T) ** 2, axis=0)
-            parts.append(
-                log(weight) + norm - np.log(np.diag(factor)).sum()
-                - 0.5 * (_DOF + n_par) * np.log1p(distance / _DOF)
-            )  # fmt: skip
-        return np.array(parts)
+        logdet = np.log(np.diagonal(self.factors, axis1=1, axis2=2)).sum(axis=1)
+        level = np.log(self.weights) + norm - logdet
+        tails = 0.5 * (_DOF + n_par) * np.log1p(self.distances(z) / _DOF)
+        return np.asarray(level[:, None] - tails)
+
+    def distances(self, z: Array) -> Array:
+        """Squared Mahalanobis distances to the components, shape (n_components, n_sets)."""
+        inverse = np.linalg.inv(self.factors)
+        whitened = z @ inverse.swapaxes(1, 2) - (inverse @ self.centres[:, :, None]).swapaxes(1, 2)
+        return np.asarray(np.einsum("cij,cij->ci", whitened, whitened))
 
     def log_density(self, z: Array) -> Array:
         """Natural log of the density, shape (n_sets,)."""
@@ -84,6 +87,9 @@ def fit_mixture(z: Array, weights: Array, n_components: int, rng: np.random.Gene
     """
     mean = weights @ z
     overall = _covariance(z - mean, weights)
+    if len(z) > _FITTED_POINTS:
+        chosen = np.searchsorted(np.cumsum(weights), _systematic(rng, _FITTED_POINTS))
+        z, weights = z[chosen], np.full(_FITTED_POINTS, 1.0 / _FITTED_POINTS)
     whitened = np.linalg.solve(np.linalg.cholesky(overall), (z - mean).T).T
     centres = z[_spread_out(whitened, weights, n_components, rng)]
     mixture = Mixture(
@@ -101,18 +107,22 @@ def fit_mixture(z: Array, weights: Array, n_components: int, rng: np.random.Gene
     )
 
 
+def _systematic(rng: np.random.Generator, size: int) -> Array:
+    """Evenly spaced probabilities with a random start, shape (size,)."""
+    return np.asarray((rng.random() + np.arange(size)) / (size * (1.0 + 1e-12)))
+
+
 def _em_step(mixture: Mixture, z: Array, weights: Array, overall: Array) -> Mixture:
     """One step; the latent scale of each t component downweights its far points."""
     log_parts = mixture.component_log_densities(z)
     share = np.exp(log_parts - np.logaddexp.reduce(log_parts, axis=0)) * weights
     centres, factors, totals = [], [], []
     n_par = z.shape[1]
-    for centre, factor, row in zip(mixture.centres, mixture.factors, share, strict=True):
+    precisions = (_DOF + n_par) / (_DOF + mixture.distances(z))
+    for row, precision in zip(share, precisions, strict=True):
         total = row.sum()
         if total < 1e-4:
             continue
-        distance = np.sum(np.linalg.solve(factor, (z - centre).T) ** 2, axis=0)
-        precision = (_DOF + n_par) / (_DOF + distance)
         new = (row * precision) @ z / (row @ precision)
         spread = _covariance(z - new, row * precision / total)
         factors.append(np.linalg.cholesky((1.0 - _SHRINKAGE) * spread + _SHRINKAGE * overall))

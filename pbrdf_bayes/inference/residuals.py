@@ -1,22 +1,30 @@
-"""Residuals of the BRDF rows in dex and how much they hang together along a scan."""
+"""Residuals of the BRDF rows in dex and how much they hang together along a scan.
+
+Two kinds. Plain: log10(measured/model), nothing else. Calibrated: what is left of it beside the
+calibration factor of the scan and the noise of the instrument's floor; verdicts on the model follow
+from these, since neither a factor that is free nor a reading lost in the floor speaks against it.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pbrdf_bayes.inference.posterior import Posterior
 
 Array = NDArray[np.float64]
 
 _INDEPENDENT = 0.1
+_TINY = 1e-280
+_LN10 = float(np.log(10.0))
+_CLEAR_OF_FLOOR = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """log10(measured/model) at one parameter set.
+    """Residuals at one parameter set.
 
     Attributes
     ----------
@@ -25,7 +33,7 @@ class Residuals:
     rms : float
         Over all rows [dex]; NaN without BRDF rows.
     lag1 : float
-        Pooled correlation of neighbouring residuals about zero [1].
+        Pooled correlation of neighbouring residuals about zero [1]; NaN without neighbours.
     scan_rms, scan_bias, scan_lag1 : ndarray, shape (n_scans,)
     """
 
@@ -38,21 +46,100 @@ class Residuals:
 
 
 def compute_residuals(posterior: Posterior, x: Array) -> Residuals:
-    """Residuals at the parameters ``x``, shape (n_par,), physical units."""
+    """log10(measured/model) at the parameters ``x``, shape (n_par,), physical units."""
     brdf, _ = posterior.predict(x[None, :])
-    dex = (posterior.rows.y - np.log(np.maximum(brdf[0], 1e-280))) / np.log(10.0)
+    dex = (posterior.rows.y - np.log(np.maximum(brdf[0], _TINY))) / _LN10
     dex[posterior.rows.censored] = np.nan
-    per_scan = [dex[scan.rows] for scan in posterior.measurement.scans]
-    kept = [scan[np.isfinite(scan)] for scan in per_scan]
-    products = sum(float(np.sum(r[1:] * r[:-1])) for r in kept)
-    squares = sum(float(np.sum(0.5 * (r[1:] ** 2 + r[:-1] ** 2))) for r in kept)
+    return _statistics(posterior, dex, np.ones(dex.size))
+
+
+def calibrated_residuals(posterior: Posterior, x: Array) -> Residuals:
+    """Residuals beside the calibration factor of each scan, low readings weighted down.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    x : ndarray, shape (n_par,)
+        Physical units.
+
+    Returns
+    -------
+    Residuals
+        ``dex`` is log10(measured/(factor times model with floor)).
+    """
+    brdf, _ = posterior.predict(x[None, :])
+    log_f = np.log(np.maximum(brdf[0], _TINY))
+    residual = posterior.rows.y - floored(log_f, posterior.rows.floor2)
+    weight = row_weights(posterior, x)
+    gains = scan_gains(posterior, x, residual, weight)
+    dex = (residual - np.repeat(gains, _lengths(posterior))) / _LN10
+    dex[posterior.rows.censored] = np.nan
+    return _statistics(posterior, dex, weight)
+
+
+def floored(log_f: Array, floor2: float) -> Array:
+    """1/2 ln(f^2 + floor^2): where a reading of the BRDF f is expected beside a floor."""
+    return log_f if floor2 == 0.0 else 0.5 * np.logaddexp(2.0 * log_f, np.log(floor2))
+
+
+def weight_beside_floor(value: ArrayLike, floor: float, noise: ArrayLike) -> Array:
+    """Relative variance without over with the floor's part, in [0, 1]; 1 without a floor.
+
+    Parameters
+    ----------
+    value : array_like
+        Readings [sr^-1].
+    floor : float
+        Noise-equivalent BRDF [sr^-1].
+    noise : array_like
+        Relative noise of a bright reading [1].
+    """
+    squares = np.asarray(value, dtype=np.float64) ** 2
+    share = floor**2 / np.maximum(squares + floor**2, _TINY)
+    white = np.asarray(noise, dtype=np.float64) ** 2
+    return np.asarray(white / (white + share))
+
+
+def row_weights(posterior: Posterior, x: Array) -> Array:
+    """`weight_beside_floor` of every BRDF row at the noises in ``x``; 0 where censored."""
+    noise = np.repeat(x[posterior.rows.noise_column], _lengths(posterior))
+    weight = weight_beside_floor(np.exp(posterior.rows.y), posterior.config.brdf_floor, noise)
+    return np.where(posterior.rows.censored, 0.0, weight)
+
+
+def scan_gains(posterior: Posterior, x: Array, residual: Array, weight: Array) -> Array:
+    """Most probable ln of the calibration factor of each scan, shape (n_scans,) or (n_scans, n).
+
+    ``residual`` has the shape (n_brdf,) or (n_brdf, n).
+    """
+    rows = posterior.rows
+    if rows.u_cal2 == 0.0:
+        return np.zeros((rows.noise_column.size, *residual.shape[1:]))
+    starts = rows.scan_start[:-1]
+    sums = np.add.reduceat((weight * residual.T).T, starts, axis=0)
+    shares = np.add.reduceat(weight, starts)
+    return np.asarray((sums.T / (shares + x[rows.noise_column] ** 2 / rows.u_cal2)).T)
+
+
+def _lengths(posterior: Posterior) -> NDArray[np.int64]:
+    return np.diff(posterior.rows.scan_start)
+
+
+def _statistics(posterior: Posterior, dex: Array, weight: Array) -> Residuals:
+    """Weighted rms and lag-1 correlation, pooled and by scan; a NaN takes no part."""
+    kept = [
+        (dex[rows][np.isfinite(dex[rows])], weight[rows][np.isfinite(dex[rows])])
+        for rows in (s.rows for s in posterior.measurement.scans)
+    ]
+    pairs = [_neighbours(*scan) for scan in kept]
+    pooled = tuple(np.concatenate(parts) for parts in zip(*kept, strict=True)) or (np.zeros(0),) * 2
     return Residuals(
         dex=dex,
-        rms=_rms(np.concatenate(kept) if kept else np.zeros(0)),
-        lag1=products / squares if squares > 0.0 else float("nan"),
-        scan_rms=np.array([_rms(r) for r in kept]),
-        scan_bias=np.array([r.mean() if r.size else np.nan for r in kept]),
-        scan_lag1=np.array([_lag1(r) for r in kept]),
+        rms=_rms(*pooled),
+        lag1=_ratio(sum(p for p, _ in pairs), sum(q for _, q in pairs)),
+        scan_rms=np.array([_rms(r, w) for r, w in kept]),
+        scan_bias=np.array([_ratio(np.sum(w * r), np.sum(w)) for r, w in kept]),
+        scan_lag1=np.array([_ratio(*pair) for pair in pairs]),
     )
 
 
@@ -60,13 +147,17 @@ def white_noise_dex(posterior: Posterior) -> float:
     """Median over scans of the noise that second differences along theta_r show [dex].
 
     Smooth curves and smooth misfits cancel in second differences; repeated angles do not disturb.
+    Readings less than a few times the floor do not count.
     """
+    rows = posterior.rows
+    clear = weight_beside_floor(np.exp(rows.y), posterior.config.brdf_floor, 0.1) > _CLEAR_OF_FLOOR
+    clear &= ~rows.censored
     levels = []
     for scan in posterior.measurement.scans:
-        y = posterior.rows.y[scan.rows][~posterior.rows.censored[scan.rows]]
+        y = rows.y[scan.rows][clear[scan.rows]]
         if y.size >= 5:
             levels.append(np.sqrt(np.mean(np.diff(y, 2) ** 2) / 6.0))
-    return float(np.median(levels) / np.log(10.0)) if levels else float("nan")
+    return float(np.median(levels) / _LN10) if levels else float("nan")
 
 
 def effective_share(lag1: float) -> float:
@@ -79,10 +170,16 @@ def effective_share(lag1: float) -> float:
     return max((1.0 - lag1) / (1.0 + lag1), 1e-3)
 
 
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+def _rms(values: Array, weight: Array) -> float:
+    return float(np.sqrt(_ratio(np.sum(weight * values**2), np.sum(weight))))
 
 
-def _lag1(values: Array) -> float:
-    squares = float(np.sum(0.5 * (values[1:] ** 2 + values[:-1] ** 2)))
-    return float(np.sum(values[1:] * values[:-1])) / squares if squares > 0.0 else float("nan")
+def _neighbours(values: Array, weight: Array) -> tuple[float, float]:
+    """Sums of products and of squares of neighbouring residuals."""
+    both = np.sqrt(weight[1:] * weight[:-1])
+    squares = 0.5 * (values[1:] ** 2 + values[:-1] ** 2)
+    return float(np.sum(both * values[1:] * values[:-1])), float(np.sum(both * squares))
+
+
+def _ratio(numerator: float, denominator: float) -> float:
+    return float(numerator / denominator) if denominator > 0.0 else float("nan")

@@ -14,9 +14,14 @@ from threadpoolctl import threadpool_limits
 
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.inference import arviz_adapter
-from pbrdf_bayes.inference.importance import ImportanceDraws, adapt_mixture, importance_sample
+from pbrdf_bayes.inference.importance import (
+    K_HAT_LIMIT,
+    ImportanceDraws,
+    adapt_mixture,
+    importance_sample,
+)
 from pbrdf_bayes.inference.map_fit import coordinate_bounds
-from pbrdf_bayes.inference.mixture import Mixture
+from pbrdf_bayes.inference.mixture import Mixture, fit_mixture
 from pbrdf_bayes.inference.posterior import Posterior
 
 Array = NDArray[np.float64]
@@ -30,8 +35,10 @@ _KEPT_DRAWS = 20_000
 _PSIS_PROPOSALS = 8_000
 _PSIS_DRAWS = 4_000
 _INDEPENDENCE_K_HAT = 1.0
-_INDEPENDENCE_ESS = 0.2
+_INDEPENDENCE_ESS = 0.1
 _PSIS_CHAINS = 4
+_EXPLORED_STEPS = 400
+_EXPLORED_COMPONENTS = 8
 
 
 @dataclass(frozen=True)
@@ -126,13 +133,34 @@ def sample_posterior(
         ``converged`` is False when the budget of steps ran out first.
     """
     mixture = adapt_mixture(posterior, mixture, seed=seed)
-    quick = importance_sample(
-        posterior, mixture, n_proposals=_PSIS_PROPOSALS, n_draws=_PSIS_DRAWS, seed=seed
-    )
+    quick = _try_importance(posterior, mixture, seed)
     if method == "psis" and quick.usable(config.ess_target):
         return _from_importance(posterior, quick)
     with threadpool_limits(limits=1, user_api="blas"):
-        return _run_ensembles(posterior, mixture, config, seed, quick, progress)
+        starts = _start_ensembles(posterior, mixture, config, seed)
+        if method == "psis" or not _covers(quick):
+            mixture, starts = _explore(posterior, starts, config, seed)
+            mixture, quick = _better_proposal(posterior, mixture, seed)
+            if method == "psis" and quick.usable(config.ess_target):
+                return _from_importance(posterior, quick)
+        return _run_ensembles(posterior, mixture, starts, config, seed, quick, progress)
+
+
+def _better_proposal(
+    posterior: Posterior, explored: Mixture, seed: int
+) -> tuple[Mixture, ImportanceDraws]:
+    """The proposal fitted to a walk, or adapted from it, whichever has the lighter tails."""
+    tried = [(explored, _try_importance(posterior, explored, seed))]
+    if not tried[0][1].k_hat < K_HAT_LIMIT:
+        adapted = adapt_mixture(posterior, explored, seed=seed + 1)
+        tried.append((adapted, _try_importance(posterior, adapted, seed)))
+    return min(tried, key=lambda pair: pair[1].k_hat)
+
+
+def _try_importance(posterior: Posterior, mixture: Mixture, seed: int) -> ImportanceDraws:
+    return importance_sample(
+        posterior, mixture, n_proposals=_PSIS_PROPOSALS, n_draws=_PSIS_DRAWS, seed=seed
+    )
 
 
 def _from_importance(posterior: Posterior, quick: ImportanceDraws) -> Draws:
@@ -167,17 +195,22 @@ def independence_move(mixture: Mixture) -> object:
 def choose_moves(
     mixture: Mixture, quick: ImportanceDraws
 ) -> tuple[list[tuple[object, float]], str]:
-    """Moves and their shares: the adapted mixture as proposal where it covers the posterior."""
-    if quick.k_hat < _INDEPENDENCE_K_HAT and quick.ess > _INDEPENDENCE_ESS * quick.n_evaluations:
+    """Moves and their shares: more of the mixture the better it covers the posterior."""
+    # not emcee's snooker: its acceptance does not leave the target invariant
+    if _covers(quick):
         return (
             [(independence_move(mixture), 0.7), (emcee.moves.DEMove(), 0.3)],
             "0.70 independence from an adapted t mixture, 0.30 differential evolution",
         )
-    # not emcee's snooker: its acceptance does not leave the target invariant
     return (
-        [(emcee.moves.KDEMove(), 0.5), (emcee.moves.DEMove(), 0.5)],
-        "0.50 KDE, 0.50 differential evolution",
+        [(independence_move(mixture), 0.5), (emcee.moves.DEMove(), 0.5)],
+        "0.50 independence from an adapted t mixture, 0.50 differential evolution",
     )
+
+
+def _covers(quick: ImportanceDraws) -> bool:
+    """The mixture is a good proposal: light tails of the weights and many effective draws."""
+    return quick.k_hat < _INDEPENDENCE_K_HAT and quick.ess > _INDEPENDENCE_ESS * quick.n_evaluations
 
 
 class _Ensemble:
@@ -197,34 +230,66 @@ class _Ensemble:
         self.state = self.sampler.run_mcmc(self.state, n_steps, skip_initial_state_check=True)
 
 
+def _start_ensembles(
+    posterior: Posterior, mixture: Mixture, config: RunConfig, seed: int
+) -> list[Array]:
+    """Over-dispersed walkers of every ensemble."""
+    return [
+        start_walkers(posterior, mixture, config.n_walkers, s)
+        for s in _ensemble_seeds(config, seed)
+    ]
+
+
+def _ensemble_seeds(config: RunConfig, seed: int) -> list[int]:
+    return [int(s) for s in np.random.SeedSequence(seed).generate_state(config.n_ensembles)]
+
+
+def _explore(
+    posterior: Posterior, starts: list[Array], config: RunConfig, seed: int
+) -> tuple[Mixture, list[Array]]:
+    """Let the ensembles find the shape of the posterior, and fit the proposal to their walk.
+
+    The walk itself is thrown away; from its last places the ensembles go on with a proposal that
+    changes no more.
+    """
+    ensembles = [  # moves keep state while they propose: one set for each ensemble and its thread
+        _Ensemble(posterior, start, s, [(emcee.moves.KDEMove(), 0.5), (emcee.moves.DEMove(), 0.5)])
+        for start, s in zip(starts, _ensemble_seeds(config, seed + 1), strict=True)
+    ]
+    _advance(ensembles, _EXPLORED_STEPS, config.threads)
+    walk = [e.sampler.get_chain()[_EXPLORED_STEPS // 2 :] for e in ensembles]
+    z = np.concatenate([chain.reshape(-1, chain.shape[2]) for chain in walk])
+    rng = np.random.default_rng([seed, 9])
+    mixture = fit_mixture(z, np.full(len(z), 1.0 / len(z)), _EXPLORED_COMPONENTS, rng)
+    return mixture, [chain[-1] for chain in walk]
+
+
+def _advance(ensembles: list[_Ensemble], n_steps: int, threads: int) -> None:
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(_Ensemble.advance, ensembles, [n_steps] * len(ensembles)))
+
+
 def _run_ensembles(
-    posterior: Posterior, mixture: Mixture, config: RunConfig, seed: int, quick: ImportanceDraws,
-    progress: Callable[[Progress], None] | None,
+    posterior: Posterior, mixture: Mixture, starts: list[Array], config: RunConfig, seed: int,
+    quick: ImportanceDraws, progress: Callable[[Progress], None] | None,
 ) -> Draws:  # fmt: skip
     """Advance all ensembles in rounds until two rounds in a row pass."""
     started = time.perf_counter()
-    seeds = np.random.SeedSequence(seed).generate_state(config.n_ensembles).tolist()
     _, words = choose_moves(mixture, quick)
     ensembles = [  # moves keep state while they propose: one set for each ensemble and its thread
-        _Ensemble(
-            posterior,
-            start_walkers(posterior, mixture, config.n_walkers, s),
-            s,
-            choose_moves(mixture, quick)[0],
-        )
-        for s in seeds
+        _Ensemble(posterior, start, s, choose_moves(mixture, quick)[0])
+        for start, s in zip(starts, _ensemble_seeds(config, seed), strict=True)
     ]
     passed = 0
     n_steps = 0
-    with ThreadPoolExecutor(config.threads) as pool:
-        while passed < 2 and n_steps < config.max_steps:
-            round_steps = min(max(_CHECK_EVERY, n_steps // 8), config.max_steps - n_steps)
-            list(pool.map(_Ensemble.advance, ensembles, [round_steps] * len(ensembles)))
-            n_steps += round_steps
-            draws = _summarise(posterior, ensembles, quick.k_hat, words)
-            passed = passed + 1 if _converged(draws, config) else 0
-            if progress is not None:
-                progress(_progress(draws, config, time.perf_counter() - started))
+    while passed < 2 and n_steps < config.max_steps:
+        round_steps = min(max(_CHECK_EVERY, n_steps // 8), config.max_steps - n_steps)
+        _advance(ensembles, round_steps, config.threads)
+        n_steps += round_steps
+        draws = _summarise(posterior, ensembles, quick.k_hat, words)
+        passed = passed + 1 if _converged(draws, config) else 0
+        if progress is not None:
+            progress(_progress(draws, config, time.perf_counter() - started))
     return _thin(draws, converged=passed >= 2)
 
 

@@ -235,10 +235,18 @@ def scan_rows(summary: Record) -> list[tuple[str, ...]]:
             count(s["n"]), f"{degrees(s['theta_r_min_deg'])} to {degrees(s['theta_r_max_deg'])}",
             f"{number(s['value_min'])} to {number(s['value_max'])}",
             rounded(s["rms_dex"], s["rms_dex"]).value, rounded(s["bias_dex"], s["rms_dex"]).value,
-            fixed(s["lag1"], 2),
+            fixed(s["lag1"], 2), _scale(s),
         )
         for s in summary["input"]["scans"]
     ]  # fmt: skip
+
+
+def _scale(scan: Record) -> str:
+    """Calibration factor of a scan with its standard uncertainty."""
+    if not finite(scan["u_scale"]):
+        return "exact"
+    found = rounded(scan["scale"], scan["u_scale"])
+    return f"{found.value} ± {found.uncertainty}"
 
 
 def optima_rows(summary: Record) -> tuple[list[Markup], list[tuple[str, ...]]]:

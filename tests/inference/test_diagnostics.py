@@ -64,7 +64,7 @@ def holdout(rms: float, coverage: float) -> Holdout:
 GOOD: dict[str, Any] = {
     "config": pb.RunConfig(), "draws": good_draws(), "optima": optima(), "residuals": residuals(),
     "best_rms_dex": 0.0087, "white_noise_dex": 0.0087, "identifiability": identified(),
-    "coverage": 0.9, "holdout": holdout(0.01, 0.9),
+    "covered": (900, 1000), "holdout": holdout(0.01, 0.9),
 }  # fmt: skip
 
 
@@ -123,8 +123,8 @@ FIRING: list[tuple[str, dict[str, Any], str, str]] = [
         "FAIL",
         "not a material constant",
     ),
-    ("coverage", {"coverage": 0.75}, "WARN", "scatter"),
-    ("coverage", {"coverage": 0.99}, "WARN", "scatter"),
+    ("coverage", {"covered": (750, 1000)}, "WARN", "scatter"),
+    ("coverage", {"covered": (990, 1000)}, "WARN", "scatter"),
     ("holdout", {"holdout": holdout(0.07, 0.9)}, "WARN", "not measured"),
     ("holdout", {"holdout": holdout(0.2, 0.9)}, "FAIL", "not measured"),
     ("holdout", {"holdout": holdout(0.01, 0.5)}, "WARN", "not measured"),
@@ -177,7 +177,9 @@ def test_importance_draws_have_their_own_check() -> None:
 
 
 def test_without_brdf_or_holdout_their_checks_are_left_out() -> None:
-    found = verdicts(best_rms_dex=math.nan, coverage=math.nan, holdout=None)
+    found = verdicts(
+        best_rms_dex=math.nan, residuals=residuals(math.nan), covered=(0, 0), holdout=None
+    )
     assert set(found) == {"rhat", "ess", "chain_length", "modes", "identifiability", "bounds"}
 
 
@@ -237,3 +239,38 @@ def test_draws_at_a_bound_are_noticed(small_posterior: Posterior) -> None:
     assert found.bound_share[1] == 0.0
     assert found.bound_share[2] == 1.0
     assert found.bound_share[3] < 0.02
+
+
+@pytest.mark.parametrize(
+    ("covered", "verdict"),
+    [
+        ((8, 8), "PASS"),
+        ((1, 1), "PASS"),
+        ((6, 10), "PASS"),
+        ((4, 10), "WARN"),
+        ((160, 160), "WARN"),
+    ],
+)
+def test_few_readings_say_little_about_coverage(covered: tuple[int, int], verdict: str) -> None:
+    """P(8 of 8) = 0.43, P(<= 6 of 10) = 0.013, P(<= 4 of 10) = 1e-4, P(160 of 160) = 5e-8."""
+    assert verdicts(covered=covered)["coverage"].verdict == verdict
+
+
+def test_correlated_readings_are_fewer_readings() -> None:
+    """72 of 100 readings is rare; of five effective readings it is one that missed."""
+    assert verdicts(covered=(72, 100))["coverage"].verdict == "WARN"
+    few = identified(share=0.05)
+    assert verdicts(covered=(72, 100), identifiability=few)["coverage"].verdict == "PASS"
+
+
+def test_scans_of_one_point_have_no_neighbours_and_no_nan_in_their_words() -> None:
+    found = verdicts(residuals=residuals(math.nan), white_noise_dex=math.nan)
+    assert "residual_correlation" not in found
+    assert not any("nan" in d.statement for d in found.values())
+
+
+def test_a_prediction_that_announces_its_uncertainty_is_no_failure() -> None:
+    """0.2 dex missed by a band 1 dex wide that covers 90 %; not so by one of 0.1 dex."""
+    vague = replace(holdout(0.2, 0.9), width_dex=1.0)
+    assert verdicts(holdout=vague)["holdout"].verdict == "PASS"
+    assert verdicts(holdout=holdout(0.2, 0.9))["holdout"].verdict == "FAIL"

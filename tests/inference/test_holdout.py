@@ -12,7 +12,7 @@ import pytest
 
 import pbrdf_bayes as pb
 from pbrdf_bayes.inference.holdout import Holdout, choose_scan, run_holdout
-from pbrdf_bayes.measurement import Measurement, select_scans
+from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.simulate import simulate_measurement
 
 DHR = ("dhr", "s", 20.0, math.nan, 0.05)
@@ -128,17 +128,39 @@ def test_a_measurement_with_a_floor_and_censored_readings(small: Measurement) ->
     assert math.isfinite(found.rms_dex)
 
 
-def test_relative_scale_is_predicted_up_to_its_gain(green: pb.Parameters) -> None:
-    """Scans with gains of 30 %: relative scale says so in the width of the band."""
+def test_of_scans_with_a_free_scale_the_shapes_are_predicted(green: pb.Parameters) -> None:
+    """Scans with gains of 30 %, 0.11 dex: what is missed is the noise of 2 % and less than 5 %."""
     m = simulate_measurement(
-        green,
-        seed=5,
-        theta_i_deg=(20.0, 60.0),
-        theta_r_deg=np.linspace(-80, 80, 33),
+        green, seed=5, theta_i_deg=(20.0, 60.0), theta_r_deg=np.linspace(-80, 80, 33),
         u_brdf_cal=0.3,
-    )
-    keep = np.ones(len(m.scans), bool)
-    assert len(select_scans(m, keep, dhr=True).scans) == 4
+    )  # fmt: skip
     found = run_holdout(m, pb.RunConfig(accuracy="draft", threads=1, brdf_scale="relative"), seed=1)
     assert found is not None
-    assert found.width_dex > 0.5
+    assert "the shapes of 3 other scans" in found.statement
+    assert found.rms_dex < 0.5 * found.width_dex
+    assert found.width_dex < 0.3
+    assert found.coverage_90 > 0.8
+
+
+def test_repeats_of_the_fitted_geometry_are_not_predictions(
+    make_measurement: Callable[..., Measurement],
+) -> None:
+    dhr = [("dhr", "s", a, math.nan, 0.05) for a in (20.0, 40.0)]
+    once = [("brdf", "s", 20.0, a, 0.05) for a in np.linspace(-60, 60, 13)]
+    again = [("brdf", "p", 20.0, a, 0.04) for a in np.linspace(-60, 60, 13)]
+    assert choose_scan(make_measurement([*dhr, *once])) is None
+    labels = ["", "", *["first"] * 13, *["second"] * 13]
+    assert choose_scan(make_measurement([*dhr, *once, *once], scan=labels)) is None
+    both = make_measurement([*dhr, *once, *again])
+    assert both.scans[choose_scan(both) or 0].polarization == "s"
+
+
+def test_the_scan_fitted_lies_in_the_plane_of_incidence_where_one_does(
+    make_measurement: Callable[..., Measurement],
+) -> None:
+    rows = [("dhr", "s", 20.0, math.nan, 0.05)]
+    rows += [("brdf", "s", 20.0, a, 0.05) for a in np.linspace(-60, 60, 13)]
+    rows += [("brdf", "s", 60.0, a, 0.05) for a in np.linspace(-60, 60, 13)]
+    phi = [0.0, *[90.0] * 13, *[0.0] * 13]
+    m = make_measurement(rows, phi_r_deg=phi)
+    assert m.scans[choose_scan(m) or 0].theta_i_deg == 60.0

@@ -14,7 +14,8 @@ from scipy import optimize
 
 import pbrdf_bayes as pb
 from pbrdf_bayes.errors import FitError
-from pbrdf_bayes.inference.map_fit import coordinate_bounds, find_map, fit_least_squares
+from pbrdf_bayes.inference.least_squares import fit_least_squares
+from pbrdf_bayes.inference.map_fit import coordinate_bounds, find_map
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.measurement import Measurement, measurement_from_columns, select_scans
 from pbrdf_bayes.simulate import PAPER_DHR_THETA_I_DEG, PAPER_THETA_I_DEG

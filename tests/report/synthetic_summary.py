@@ -93,6 +93,8 @@ def _scan_records(case: Case, data: dict[str, Any]) -> list[dict[str, Any]]:
             "value_min": float(np.nanmin(measured)), "value_max": float(np.nanmax(measured)),
             "rms_dex": float(np.sqrt(np.mean(good**2))), "bias_dex": float(good.mean()),
             "lag1": lag1 if not case.broken_values else None,
+            "scale": 0.97 if not case.broken_values else None,
+            "u_scale": 0.012 if not case.broken_values else None,
         })  # fmt: skip
     return records
 
