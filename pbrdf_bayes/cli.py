@@ -8,10 +8,12 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
+from math import floor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
 
 DONE, BAD_INPUT, NOT_CONVERGED, STRICT_FAIL, INTERRUPTED = 0, 2, 3, 4, 130
 
+_SIGNED = ("--theta-i", "--theta-r", "--dhr-theta-i", "--phi-r")
 _EPILOG = """\
 exit codes: 0 done (a QA FAIL is still done; --strict makes it 4), 2 bad input or usage,
 3 the computation did not converge (results kept, marked), 130 interrupted
@@ -45,7 +48,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     -------
     int
     """
-    options = build_parser().parse_args(arguments)
+    options = build_parser().parse_args(
+        _attach_angles(sys.argv[1:] if arguments is None else arguments)
+    )
     _interrupted.clear()
     for kind in (signal.SIGINT, signal.SIGTERM):
         signal.signal(kind, _interrupt)
@@ -62,6 +67,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
     return code
+
+
+def _attach_angles(arguments: Sequence[str]) -> list[str]:
+    """Write ``--theta-r -80:80:1`` as ``--theta-r=-80:80:1``, which argparse takes for an option.
+
+    Examples
+    --------
+    >>> _attach_angles(["predict", "--theta-r", "-80:80:1", "--phi-r", "5"])
+    ['predict', '--theta-r=-80:80:1', '--phi-r', '5']
+    """
+    attached: list[str] = []
+    for word in arguments:
+        if attached and attached[-1] in _SIGNED and re.match(r"-[\d.]", word):
+            attached[-1] += f"={word}"
+        else:
+            attached.append(word)
+    return attached
 
 
 _interrupted = threading.Event()
@@ -180,7 +202,7 @@ def _add_angles(parser: argparse.ArgumentParser, *, theta_r: str) -> None:
     parser.add_argument("--theta-i", type=_numbers, default=[0.0, 20.0, 40.0, 60.0, 80.0],
                         metavar="DEG,...", help="incidence angles (0,20,40,60,80)")  # fmt: skip
     parser.add_argument("--theta-r", type=_grid, default=_grid(theta_r), metavar="LO:HI:STEP",
-                        help=f"scattering angles ({theta_r}); --theta-r=-80:80:1")  # fmt: skip
+                        help=f"scattering angles, or a single one ({theta_r})")  # fmt: skip
     parser.add_argument("--polarization", type=_words, default=["s", "p"], metavar="s,p,u",
                         help="polarisations (s,p)")  # fmt: skip
 
@@ -202,14 +224,15 @@ def _numbers(text: str) -> list[float]:
 
 def _grid(text: str) -> list[float]:
     try:
-        low, high, step = (float(part) for part in text.split(":"))
-        count = round((high - low) / step)
+        parts = [float(part) for part in text.split(":")]
+        low, high, step = parts if len(parts) != 1 else (*parts, *parts, 1.0)
+        count = floor((high - low) / step + 1e-9)
         if step <= 0.0 or count < 0 or count > 1_000_000:
             raise ValueError
     except (ValueError, ZeroDivisionError, OverflowError):
-        msg = f"{text!r}: give LO:HI:STEP with STEP > 0, e.g. -80:80:0.5"
+        msg = f"{text!r}: give one angle, or LO:HI:STEP with STEP > 0, e.g. -80:80:0.5"
         raise argparse.ArgumentTypeError(msg) from None
-    return [low + step * i for i in range(count + 1)]
+    return [min(low + step * i, high) for i in range(count + 1)]
 
 
 def _words(text: str) -> list[str]:

@@ -13,6 +13,11 @@ from pbrdf_bayes.errors import DataError
 POLARIZATIONS = ("s", "p", "u")
 """Polarisation words of the tidy CSV; ``u`` is unpolarised, the mean of s and p."""
 
+DHR_RANGE = (-0.05, 1.05)
+"""What a DHR reading may be: noise may take it beyond 0 and 1."""
+MAX_LABEL = 200
+"""Longest name of a sample or a scan."""
+
 
 @dataclass(frozen=True, eq=False)
 class Readings:
@@ -238,6 +243,11 @@ def _group_scans(
         label += f" {labels[start]}" if labels[start] else ""
         scans.append(Scan(label, pol, theta_i, phi, start, stop))
     return tuple(scans)
+
+
+def is_label(word: str) -> bool:
+    """Tell whether a name can be shown, in a message or a report, and is not too long."""
+    return word.isprintable() and len(word) <= MAX_LABEL
 
 
 def name_direction(polarization: str, theta_i_deg: float, phi_r_deg: float) -> str:

@@ -16,9 +16,7 @@ from pbrdf_bayes.config import did_you_mean
 from pbrdf_bayes.io.problems import N_LISTED, Problem, Problems, show_cell
 from pbrdf_bayes.io.tidy_columns import QUANTITIES, to_float
 from pbrdf_bayes.io.tidy_rows import Rows
-from pbrdf_bayes.measurement import POLARIZATIONS
-
-MAX_LABEL = 200
+from pbrdf_bayes.measurement import DHR_RANGE, MAX_LABEL, POLARIZATIONS, is_label
 
 _EMPTY = frozenset({""})
 _EMPTY_OR_NAN = frozenset({"", "nan"})
@@ -90,9 +88,9 @@ _NUMBER_RULES = (
     NumberRule(
         column="value",
         quantity="dhr",
-        low=-0.05,
-        high=1.05,
-        allowed="-0.05 to 1.05",
+        low=DHR_RANGE[0],
+        high=DHR_RANGE[1],
+        allowed="{:g} to {:g}".format(*DHR_RANGE),
         remedy="A DHR is a fraction: divide by 100 if it is in per cent, else flag the row.",
     ),
     NumberRule(
@@ -177,7 +175,9 @@ def find_breaches(
     them is for the caller to see.
     """
     for name, empty_allowed in (("sample", False), ("scan", True)):
-        usable = np.array([_is_label(word, empty=empty_allowed) for word in words[name]])
+        usable = np.array(
+            [is_label(word) and (empty_allowed or word != "") for word in words[name]]
+        )
         yield Breach(name, rows.used & ~usable[getattr(rows, name)], _explain_label)
     yield Breach("quantity", rows.used & (rows.quantity < 0), _explain_word(QUANTITIES))
     yield Breach("polarization", rows.used & (rows.polarization < 0), _explain_word(POLARIZATIONS))
@@ -229,11 +229,6 @@ def check_rows(
         )
         problems.extend(first, n=index.size)
     return bad
-
-
-def _is_label(word: str, *, empty: bool) -> bool:
-    """Tell whether a name can be shown and used in a file name."""
-    return word.isprintable() and len(word) <= MAX_LABEL and (empty or word != "")
 
 
 def _explain_label(cell: str) -> str:
