@@ -430,6 +430,17 @@ def test_optional_columns(write):
     assert m.brdf.repeated.tolist() == [False, True]
 
 
+def test_azimuth_180_is_the_other_half_of_the_plane(write):
+    """A file with positive angles only, and the same readings with signed ones."""
+    header = HEADER + ",phi_r_deg"
+    half = [f"g,3.39,brdf,s,20,{t},0.0{t},{phi}" for phi in (0, 180, -180, 360) for t in (10, 20)]
+    m = read_measurement(write(table(*half, header=header)))
+    assert [scan.label for scan in m.scans] == ["s 20 deg"]
+    assert m.brdf.theta_r_deg.tolist() == [-20, -20, -10, -10, 10, 10, 20, 20]
+    assert m.brdf.row.tolist() == [5, 7, 4, 6, 2, 8, 3, 9]
+    assert not m.brdf.phi_r_deg.any()
+
+
 # Writing
 
 
