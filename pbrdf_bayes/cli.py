@@ -122,8 +122,9 @@ def _verb(
 def _add_check(verbs: Any) -> None:
     parser = _verb(verbs, "check", _check, "Validate a CSV and summarise what it holds.")
     parser.add_argument("csv", type=Path, metavar="CSV")
-    parser.add_argument("--brdf-floor", type=float, default=0.0, metavar="SR-1",
+    parser.add_argument("--brdf-floor", type=float, metavar="SR-1",
                         help="noise-equivalent BRDF; readings up to it are censored")  # fmt: skip
+    parser.add_argument("--config", type=Path, metavar="TOML", help="takes brdf_floor from it")
 
 
 def _add_fit(verbs: Any) -> None:
@@ -263,8 +264,10 @@ def _parameters(text: str) -> Parameters:
 
 def _check(options: argparse.Namespace) -> int:
     from pbrdf_bayes.checking import describe_file
+    from pbrdf_bayes.io.config_toml import read_config
 
-    text, clean = describe_file(options.csv, brdf_floor=options.brdf_floor)
+    config = read_config(options.config, {"brdf_floor": options.brdf_floor})
+    text, clean = describe_file(options.csv, brdf_floor=config.brdf_floor)
     print(text)
     return DONE if clean else BAD_INPUT
 

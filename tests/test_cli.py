@@ -201,6 +201,35 @@ def test_check_of_a_file_with_one_bad_sample(
     assert "b: not usable" in captured
 
 
+def test_check_of_a_file_with_every_row_flagged(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    header, row = HEADER.replace("\n", ",flag\n"), ROW.replace("\n", ",bad\n")
+    (here / "flagged.csv").write_text(header + row.format(1) + row.format(2), encoding="utf-8")
+    assert run("check", "flagged.csv") == 2
+    captured = capsys.readouterr().out
+    assert "a: not usable" in captured
+    assert "every row is flagged" in captured
+
+
+def test_check_takes_the_floor_from_the_command_line_or_the_configuration(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (here / "low.csv").write_text(HEADER + ROW.format(1) + "a,3.39,brdf,s,20,2,-1e-7\n", "utf-8")
+    (here / "c.toml").write_text("brdf_floor = 1e-6\n", encoding="utf-8")
+    assert run("check", "low.csv") == 2
+    assert "check: --brdf-floor; fit: brdf_floor in the --config file" in capsys.readouterr().out
+    assert run("check", "low.csv", "--brdf-floor", "1e-6") == 0
+    assert run("check", "low.csv", "--config", "c.toml") == 0
+    assert run("check", "low.csv", "--config", "c.toml", "--brdf-floor", "0") == 2
+    capsys.readouterr()
+    for wrong in (["--brdf-floor", "nan"], ["--brdf-floor", "-1"], ["--config", "none.toml"]):
+        assert run("check", "low.csv", *wrong) == 2
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        assert wrong[1].replace("-1", "-1.0") in captured.err
+
+
 def test_a_file_that_is_not_there(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for verb in ("check", "fit"):
         assert run(verb, "nothing.csv") == 2

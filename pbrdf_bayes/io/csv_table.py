@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.config import did_you_mean
 from pbrdf_bayes.errors import DataError
-from pbrdf_bayes.io.problems import N_LISTED, Problem, Problems, compose_message
+from pbrdf_bayes.io.problems import Problem, Problems, compose_message
 
 MAX_LINE_BYTES = 65_536
 CHUNK_ROWS = 1024
@@ -219,16 +219,11 @@ def _chunks(
     blocks: Iterable[tuple[list[int], list[list[str]]]], width: int, problems: Problems
 ) -> Iterator[Chunk]:
     """Turn blocks of rows into columns, without rows that are blank or of another length."""
-    n_ragged = 0
     for lines, rows in blocks:
         if set(map(len, rows)) != {width} or not all(map(any, rows)):
-            ragged = [
-                _ragged(line, row, width)
-                for line, row in zip(lines, rows, strict=True)
-                if len(row) != width and any(map(str.strip, row))
-            ]
-            problems.extend(ragged[: max(N_LISTED - n_ragged, 0)], n=len(ragged))
-            n_ragged += len(ragged)
+            for line, row in zip(lines, rows, strict=True):
+                if len(row) != width and any(map(str.strip, row)):
+                    problems.add(_ragged(line, row, width))
             keep = [len(row) == width and any(row) for row in rows]
             lines, rows = list(compress(lines, keep)), list(compress(rows, keep))
         if rows:
@@ -237,11 +232,11 @@ def _chunks(
 
 def _ragged(line: int, cells: Sequence[str], width: int) -> Problem:
     """Say how a row differs from the header in length, and why that may be."""
-    text = f"{len(cells)} cell{'s' if len(cells) > 1 else ''} where the header has {width}. "
+    text = f"{len(cells)} cell{'s' if len(cells) > 1 else ''} where the header has {width}."
     if any(";" in cell for cell in cells):
-        text += "Separate the cells by commas, not by semicolons."
+        remedy = "Separate the cells by commas, not by semicolons."
     elif len(cells) > width:
-        text += "Write decimal points, not decimal commas; put names with a comma in quotes."
+        remedy = "Write decimal points, not decimal commas; put names with a comma in quotes."
     else:
-        text += "Fill in the missing cells; an empty cell needs its comma too."
-    return Problem(line, "", text)
+        remedy = "Fill in the missing cells; an empty cell needs its comma too."
+    return Problem(line, "", f"{text} {remedy}", kind=remedy)

@@ -47,7 +47,7 @@ class TidyFile:
     errors : mapping of str to str
         Message for each sample that is refused or has no usable row, by name.
     problems : tuple of Problem
-        First problems of the whole file, in its order.
+        First kinds of problems of the whole file, in its order.
     n_problems : int
         Number of all problems.
     warnings : tuple of str
@@ -113,7 +113,7 @@ def read_measurement(
     ------
     DataError
         When anything is wrong: one message that names line, column, value, allowed range and
-        remedy of the first 20 problems, and the number of all.
+        remedy of the first 20 kinds of problems, and the number of all.
     ConfigError
         When ``brdf_floor`` is negative or not finite.
 
@@ -163,7 +163,7 @@ def read_samples(path: str | Path, *, brdf_floor: float = 0.0) -> TidyFile:
         When ``brdf_floor`` is negative or not finite.
     """
     content = _read(path, brdf_floor)
-    if any(not problem.sample for problem in content.problems.found):
+    if any(not sample for sample, *_ in content.problems.found):
         raise DataError(_message(content))
     errors = _refused_samples(content)
     groups = {key: rows for key, rows in _group(content).items() if key[0] not in errors}
@@ -251,14 +251,13 @@ def _refused_samples(content: _Content) -> dict[str, str]:
         name: f"{content.path}: sample {show_cell(name)}: {explain_sample(None, [])}"
         for name in unused
     }
-    listed = content.problems.listed()
     lines, codes = content.rows.line[content.bad], content.rows.sample[content.bad]
     for code, first, n in zip(
         *np.unique(codes, return_index=True, return_counts=True), strict=True
     ):
         head = f"{content.path}: sample {show_cell(names[code])} was not read: {n} row"
         head += f"{'s' if n > 1 else ''} with problems from line {lines[first]} on."
-        own = (f"  {problem}" for problem in listed if problem.sample == names[code])
+        own = (f"  {problem}" for problem in content.problems.listed(names[code]))
         errors[names[code]] = "\n".join([head, *own])
     return {name: errors[name] for name in sorted(errors)}
 

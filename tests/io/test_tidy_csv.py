@@ -105,7 +105,10 @@ def test_accepted_without_a_warning(write, content):
     assert m.warnings == ()
 
 
-REMEDY = "noise floor (brdf_floor) so that the reading is treated as censored, or flag the row"
+REMEDY = (
+    "noise floor (check: --brdf-floor; fit: brdf_floor in the --config file) so that the reading is "
+    "treated as censored, or flag the row"
+)
 
 
 @pytest.mark.parametrize(
@@ -227,14 +230,54 @@ def test_missing_column(write, name):
         read_measurement(write(content))
 
 
-def test_all_problems_are_counted_and_the_first_twenty_listed(write):
+def test_problems_of_one_kind_are_one_line(write):
     bad = "green,3.39,brdf,q,200,x,-1"
     with pytest.raises(DataError, match=r"green\.csv: 200000 problems") as info:
         read_measurement(write(table(*[bad] * 50_000)))
     lines = str(info.value).splitlines()
+    assert len(lines) == 5
+    for line in lines[1:]:
+        assert line.startswith("  line 2, column ")
+        assert line.endswith("The same in lines 3, 4, 5, ... (50000 rows in all).")
+
+
+def test_a_rare_problem_is_seen_among_many_of_another_kind(write):
+    """Each kind with the value of its first row, whatever the other rows have."""
+    rows = [f"green,3.39,brdf,s,20,{i % 80},{-1 - i}" for i in range(500)]
+    rows[300] = "green,3.39,brdf,s,20,10,abc"
+    rows[400] = 'green,3.39,brdf,s,20,10,"0,5"'
+    rows[450] = "red,3.39,brdf,s,20,10,-7"
+    rows += ["green,3.39,brdf,s,95,10,1", "green,3.39,brdf,s,96,10,1"]
+    with pytest.raises(DataError, match="502 problems") as info:
+        read_measurement(write(table(*rows)), sample="green")
+    lines = str(info.value).splitlines()[1:]
+    assert [re.sub(r"(:) .*", "", line).strip() for line in lines] == [
+        "line 2, column value", "line 302, column value", "line 402, column value",
+        "line 502, column theta_i_deg",
+    ]  # fmt: skip
+    assert lines[0].startswith("  line 2, column value: -1 is not allowed")
+    assert lines[0].endswith("The same in lines 3, 4, 5, ... (498 rows in all).")
+    assert "'abc' is not a number" in lines[1]
+    assert "decimal comma" in lines[2]
+    assert lines[3].endswith("The same in line 503 (2 rows in all).")
+    red = read_samples(write(table(*rows))).errors["red"].splitlines()
+    assert len(red) == 2
+    assert red[1].startswith("  line 452, column value: -7 is not allowed")
+    assert "The same" not in red[1]
+
+
+def test_more_than_twenty_kinds_are_counted(write):
+    names = [f"{'x' * (201 + i)}" for i in range(3)]
+    rows = [f"{name},3.39,{w},s,20,10,1" for name in names for w in ("brfd", "dhrr")]
+    rows += [f"green,3.39,brdf,{word},20,10,1" for word in ("S", "P", "U", "TM", "x", "unpol")]
+    rows += ["green,3.39,brdf,s,95,200,-1,-1,0.5,400", "green,x,y,z,x,x,x,x,x,x", "green,,,,,,,,,"]
+    rows = [row + "," * (9 - row.count(",")) for row in rows]
+    header = HEADER + ",sigma,n_repeats,phi_r_deg"
+    with pytest.raises(DataError, match="problems") as info:
+        read_measurement(write(table(*rows, header=header)))
+    lines = str(info.value).splitlines()
     assert len(lines) == 22
-    assert lines[-1] == "  ... and 199980 more."
-    assert [line.split(",")[0].strip() for line in lines[1:6]] == ["line 2"] * 4 + ["line 3"]
+    assert re.fullmatch(r"  \.\.\. and \d+ more\.", lines[-1])
 
 
 def test_problems_of_every_kind_are_listed_in_the_order_of_the_file(write):
