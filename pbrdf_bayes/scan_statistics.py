@@ -239,7 +239,8 @@ def from_specular_deg(p: Profile) -> Array:
     if across == 0.0:
         return np.abs(p.theta_r_deg - p.scan.theta_i_deg)
     square = np.sin(0.5 * (theta_r - theta_i)) ** 2 + np.sin(theta_r) * np.sin(theta_i) * across
-    return np.rad2deg(2.0 * np.arcsin(np.sqrt(np.clip(square, 0.0, 1.0))))
+    distance: Array = np.rad2deg(2.0 * np.arcsin(np.sqrt(np.clip(square, 0.0, 1.0))))
+    return distance
 
 
 def covers_specular(p: Profile, *, within_deg: float) -> bool:
