@@ -6,6 +6,7 @@ Only light modules are imported here, so that ``--help`` answers at once.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import re
@@ -34,6 +35,22 @@ the CSV: UTF-8 with a header; columns sample, wavelength_um, quantity (brdf or d
 polarization (s, p or u), theta_i_deg, theta_r_deg (brdf only; signed, + = forward), value;
 optional sigma, n_repeats, phi_r_deg, scan, flag
 """
+
+
+def run_program() -> NoReturn:
+    """`main` for a process of its own, which ends here, with the exit code.
+
+    Without the clean-up of the interpreter: the threads of the linear algebra libraries are joined
+    there in compiled code, which no signal reaches, and under load that was seen to hang.
+    """
+    try:
+        code = main()
+    except SystemExit as stop:  # of argparse
+        code = stop.code if isinstance(stop.code, int) else DONE
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(code)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -66,6 +83,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
+    except OSError as error:  # of standard output: files have errors of their own
+        print(f"pbrdf-bayes {options.verb}: cannot write: {error}", file=sys.stderr)
+        return BAD_INPUT
     return code
 
 

@@ -513,6 +513,36 @@ def test_an_interrupt_inside_the_process_is_130(
     assert results_in(here / "run") == set()
 
 
+def test_nothing_keeps_the_process_from_ending() -> None:
+    """A thread that does not end stands for compiled code that waits for its own."""
+    code = (
+        "import sys, threading, time\n"
+        "threading.Thread(target=time.sleep, args=(600,)).start()\n"
+        "from pbrdf_bayes.cli import run_program\n"
+        "sys.argv = ['pbrdf-bayes', *sys.argv[1:]]\n"
+        "run_program()"
+    )
+    for arguments, wanted in ((["--version"], 0), (["check", "nothing.csv"], 2), (["fitt"], 2)):
+        done = subprocess.run(
+            [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False,
+            timeout=60,
+        )  # fmt: skip
+        assert done.returncode == wanted
+        assert "pbrdf-bayes" in done.stdout + done.stderr
+
+
+@posix
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a full device")
+def test_output_that_cannot_be_written_is_two(small_csv: Path) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            command("check", small_csv), stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+            timeout=60,
+        )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.startswith("pbrdf-bayes check: cannot write: ")
+
+
 @posix
 def test_a_reader_that_goes_away_is_no_error(finished_run: Path) -> None:
     """As with `pbrdf-bayes predict ... | head -1`."""
