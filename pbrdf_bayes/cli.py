@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import io
 import json
 import os
 import re
@@ -43,6 +44,9 @@ def run_program() -> NoReturn:
     Without the clean-up of the interpreter: the threads of the linear algebra libraries are joined
     there in compiled code, which no signal reaches, and under load that was seen to hang.
     """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # names may have characters it has not
+            stream.reconfigure(errors="backslashreplace")
     try:
         code = main()
     except SystemExit as stop:  # of argparse
@@ -83,8 +87,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
-    except OSError as error:  # of standard output: files have errors of their own
-        print(f"pbrdf-bayes {options.verb}: cannot write: {error}", file=sys.stderr)
+    except OSError as error:  # of standard output, or of a name no file can have
+        print(f"pbrdf-bayes {options.verb}: the system refused: {error}", file=sys.stderr)
         return BAD_INPUT
     return code
 
@@ -229,8 +233,8 @@ def _add_angles(parser: argparse.ArgumentParser, *, theta_r: str) -> None:
 
 
 def _seed(text: str) -> int:
-    if not text.isdecimal():
-        msg = f"{text!r}: give a whole number that is not negative"
+    if not (text.isdecimal() and len(text) <= 18):
+        msg = f"{text[:40]!r}: give a whole number that is not negative, of up to 18 digits"
         raise argparse.ArgumentTypeError(msg)
     return int(text)
 
@@ -270,11 +274,11 @@ def _parameters(text: str) -> Parameters:
     try:
         content = text if text.lstrip().startswith("{") else Path(text).read_text(encoding="utf-8")
         table = json.loads(content)
-    except (OSError, ValueError) as error:
-        msg = f"--params {text}: not JSON and not a JSON file ({error})"
+    except (OSError, ValueError, RecursionError) as error:
+        msg = f"--params {text[:200]}: not JSON and not a JSON file ({str(error)[:200]})"
         raise ConfigError(msg) from None
-    if isinstance(table, dict) and isinstance(table.get("parameters"), dict):  # a summary.json
-        table = {k: v.get("map") for k, v in table["parameters"].items() if k in DOMAIN}
+    if isinstance(table, dict) and isinstance(rows := table.get("parameters"), dict):  # a summary
+        table = {k: v.get("map") for k, v in rows.items() if k in DOMAIN and isinstance(v, dict)}
     if not isinstance(table, dict) or set(table) != set(DOMAIN):
         given = ", ".join(table) if isinstance(table, dict) else type(table).__name__
         msg = f"--params {text}: needs exactly {', '.join(DOMAIN)}; got {given}"

@@ -338,6 +338,37 @@ def test_bad_settings_are_two_and_write_nothing(
     assert files_below(here) == set()
 
 
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"threads = = 2", "not a TOML file"), (b'accuracy = "dr\xe4ft"', "not a TOML file"),
+        ('accuracy = "draft"'.encode("utf-16"), "not a TOML file"), (b"a = " + b"[" * 9999, "not a TOML"),
+        (b"brdf_floor = 1" + 400 * b"0", "brdf_floor = 1"), (b"accuracy = 2020-01-01", "in quotes"),
+        (b"threads = 2.5", "a whole number"), (b"priors = 3", "a table"), (b"holdout = 1", "true or false"),
+        (b"predict_theta_i_deg = [nan]", "in [0, 89.95]"), (b"[priors.n]\nkind = ['a']", "priors.n.kind"),
+        (b"[priors.n]\nkind = 'normal'\nmean = 'a'\nsd = 1", "priors.n.mean = 'a'"),
+    ],
+    ids=lambda x: "" if isinstance(x, str) else repr(x[:30]),
+)  # fmt: skip
+def test_configurations_as_people_break_them(
+    content: bytes, message: str, here: Path, small_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (here / "c.toml").write_bytes(content)
+    assert run("fit", small_csv, "--out", "run", "--config", "c.toml", "--quiet") == 2
+    captured = capsys.readouterr()
+    assert message in captured.err
+    assert len(captured.err.splitlines()) == 1
+    assert files_below(here) == {"c.toml"}
+
+
+@pytest.mark.parametrize("content", [b"", b"\xef\xbb\xbf# nothing\r\n"])
+def test_an_empty_configuration_is_the_default(
+    content: bytes, here: Path, small_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (here / "c.toml").write_bytes(content)
+    assert run("check", small_csv, "--config", "c.toml") == 0
+
+
 def test_bad_keys_of_the_configuration_name_the_file(
     here: Path, small_csv: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -540,7 +571,7 @@ def test_output_that_cannot_be_written_is_two(small_csv: Path) -> None:
             timeout=60,
         )  # fmt: skip
     assert done.returncode == 2
-    assert done.stderr.startswith("pbrdf-bayes check: cannot write: ")
+    assert done.stderr.startswith("pbrdf-bayes check: the system refused: ")
 
 
 @posix
@@ -578,6 +609,36 @@ def test_a_folder_that_is_no_run(verb: str, here: Path, capsys: pytest.CaptureFi
         assert "not a finished run" in captured.err
         assert captured.out == ""
     assert files_below(here) == set()
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("posterior.nc", b""), ("posterior.nc", b"hello" * 999), ("posterior.nc", None),
+        ("posterior.nc", 0.5), ("summary.json", b"[]"), ("summary.json", b"{}"),
+        ("summary.json", 0.5), ("summary.json", b"[" * 100_000), ("summary.json", b'{"a": "\xe4"}'),
+        ("config.toml", None), ("config.toml", b"\xe4"),
+    ],
+    ids=lambda x: repr(x[:9]) if isinstance(x, bytes) else str(x),
+)  # fmt: skip
+def test_a_damaged_run_is_two(
+    name: str, content: bytes | float | None, finished_run: Path, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    """Files of other content, missing (None) or cut (to a share)."""
+    folder = Path(shutil.copytree(finished_run, tmp_path / "run"))
+    whole = (folder / name).read_bytes()
+    (folder / name).unlink()
+    if content is not None:
+        data = whole[: int(len(whole) * content)] if isinstance(content, float) else content
+        (folder / name).write_bytes(data)
+    before = {p.name: p.read_bytes() for p in folder.iterdir()}
+    for arguments in (["report", folder], ["predict", folder, "--theta-r", "0"]):
+        assert run(*arguments) == 2
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        assert str(folder) in captured.err
+        assert {p.name: p.read_bytes() for p in folder.iterdir()} == before
 
 
 # ---------------------------------------------------------------------------------------- predict
@@ -656,7 +717,9 @@ def test_parameters_may_come_from_a_file_or_a_summary(
     ("params", "message"),
     [
         ("{", "not JSON"), ("missing.json", "not a JSON file"), ("[1, 2]", "not JSON"),
-        ('{"n": 1.5}', "needs exactly n, k, sigma_n0, rho0"),
+        ('{"n": 1.5}', "needs exactly n, k, sigma_n0, rho0"), ("", "not a JSON file"),
+        ('{"parameters": {"n": 3}}', "needs exactly"), ("x" * 300, "not a JSON file"),
+        (PARAMS.replace("1.526", "9" * 400), "n = 999"), ('{"a":' * 9999, "not JSON"),
         (PARAMS.replace("rho0", "rho"), "got n, k, sigma_n0, rho"),
         (PARAMS.replace("1.526", "9"), "n = 9 is outside the model's domain"),
         (PARAMS.replace("1.526", '"1.5"'), "n = '1.5' is outside"),
@@ -790,6 +853,38 @@ def test_simulate_refuses_what_makes_no_sense(
     assert captured.out == ""
     assert captured.err
     assert files_below(here) == set()
+
+
+@pytest.mark.parametrize("name", ["<script>", "a/b", "..", "\U0001f600 grün", "=1+1", "a,b", "'"])
+def test_any_name_of_a_sample_comes_back(
+    name: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["--params", PARAMS, "--theta-i", "20", "--theta-r=0:40:10", "--out", "a b ü.csv"]
+    assert run("simulate", *arguments, "--sample", name) == 0
+    assert pb.read_measurement(here / "a b ü.csv").sample == f"{name}_simulated"
+    assert run("check", "a b ü.csv") == 0
+    assert f"{name}_simulated" in capsys.readouterr().out
+    assert files_below(here) == {"a b ü.csv"}
+
+
+@pytest.mark.parametrize("verb", ["simulate", "predict"])
+@pytest.mark.parametrize("out", [".", "", "no/x.csv", "x" * 300])
+def test_output_files_that_cannot_be(
+    verb: str, out: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(verb, "--params", PARAMS, "--theta-i", "20", "--theta-r", "0", "--out", out) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert len(captured.err.splitlines()) == 1
+    assert list(here.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", [".", "x" * 300, "/dev/null"])
+def test_input_files_that_cannot_be(
+    name: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("check", name) == 2
+    assert "Traceback" not in capsys.readouterr().err
 
 
 # ------------------------------------------------------------------------------------- real scans

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -71,7 +72,7 @@ def read_bytes(path: str | Path) -> bytes:
     except FileNotFoundError:
         refuse(path, f"there is no such file.{_similar_file(file)}")
     except (OSError, ValueError) as error:
-        if file.is_dir():
+        if os.path.isdir(file):  # noqa: PTH112 - Path.is_dir raises for a name that is too long
             refuse(path, "this is a folder. Give the CSV file in it.")
         refuse(path, f"the file cannot be read ({getattr(error, 'strerror', None) or error}).")
 
