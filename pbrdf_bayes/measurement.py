@@ -177,7 +177,10 @@ def measurement_from_columns(
     repeats = column(n_repeats, np.nan)
     repeated = np.nan_to_num(repeats, nan=1.0) > 1
     is_brdf = quantity == "brdf"
-    theta_r, phi_r = name_half_plane(column(theta_r_deg, np.nan), column(phi_r_deg, 0.0))
+    theta_r, phi_r = name_half_plane(
+        np.where(is_brdf, column(theta_r_deg, np.nan), np.nan),
+        np.where(is_brdf, column(phi_r_deg, 0.0), 0.0),
+    )
     columns = Readings(
         polarization=np.asarray(polarization, dtype=np.str_),
         theta_i_deg=column(theta_i_deg, np.nan),

@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, compress, islice
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ _FOREIGN = (
     (b"\xff\xfe", "text in UTF-16", _SAVE_AS_UTF8),
     (b"\xfe\xff", "text in UTF-16", _SAVE_AS_UTF8),
 )
-_NOT_PLAIN = (b'"', b"true", b"True", b"TRUE", b"false", b"False", b"FALSE")
+_NOT_PLAIN = (b"true", b"True", b"TRUE", b"false", b"False", b"FALSE")
 _SEPARATORS = {
     ";": ("semicolons", "sed 's/,/./g; s/;/,/g' OLD.csv > NEW.csv"),
     "\t": ("tabs", "sed 's/,/./g' OLD.csv | tr '\\t' ',' > NEW.csv"),
@@ -95,12 +95,54 @@ def open_table(path: str | Path, data: bytes, problems: Problems) -> Table:
     return Table(header, _chunks(blocks, len(header), problems))
 
 
+def without_quotes(data: bytes) -> bytes:
+    """Take the quotes away where each pair stands around a whole cell that does not need them."""
+    content = np.frombuffer(data, dtype=np.uint8)
+    is_quote = content == ord('"')
+    quotes = np.flatnonzero(is_quote)
+    if not quotes.size or quotes.size % 2:
+        return data
+    separates = (content == ord(",")) | (content == ord("\n")) | (content == ord("\r"))
+    first, last = quotes[::2], quotes[1::2]
+    bounded = (first == 0) | separates[first - 1]
+    bounded &= separates[np.minimum(last + 1, content.size - 1)] | (last == content.size - 1)
+    if not np.all(bounded):
+        return data
+    inside = np.zeros(content.size, dtype=np.int8)
+    inside[first], inside[last] = 1, -1
+    np.cumsum(inside, out=inside)
+    return data if np.any(separates & (inside > 0)) else data.replace(b'"', b"")
+
+
+@dataclass(frozen=True, eq=False)
+class PlainColumn(Sequence[str]):
+    """Cells of a column of a plain file, cut out of its lines when they are asked for."""
+
+    data: bytes
+    ends: NDArray[np.int64]
+    place: int
+
+    def __len__(self) -> int:
+        return int(self.ends.size) - 1
+
+    def __getitem__(self, row: Any) -> Any:
+        line = self.data[self.ends[row] + 1 : self.ends[row + 1]].decode()
+        return line.removesuffix("\r").split(",")[self.place]
+
+
+def plain_columns(data: bytes, header: Sequence[str]) -> dict[str, PlainColumn]:
+    """Columns of a plain file by name, the header not counted as a row."""
+    ends = np.flatnonzero(np.frombuffer(data, dtype=np.uint8) == ord("\n"))
+    ends = ends if data.endswith(b"\n") else np.append(ends, len(data))
+    return {name: PlainColumn(data, ends, place) for place, name in enumerate(header)}
+
+
 def is_plain(data: bytes, width: int) -> bool:
     """Tell whether a file is of the plainest kind: rows of ``width`` cells, one a line, no quotes.
 
     Words that pandas would read as a number do not occur in it either.
     """
-    if any(word in data for word in _NOT_PLAIN):
+    if b'"' in data or any(word in data for word in _NOT_PLAIN):
         return False
     if b"\r" in data and data.count(b"\r") != data.count(b"\r\n"):
         return False

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.errors import ConfigError, DataError
-from pbrdf_bayes.io.csv_table import Table, open_table, read_bytes
+from pbrdf_bayes.io.csv_table import Table, open_table, plain_columns, read_bytes, without_quotes
 from pbrdf_bayes.io.problems import Problem, Problems, compose_message, show_cell
 from pbrdf_bayes.io.tidy_choice import Key, choose_key, explain_sample
 from pbrdf_bayes.io.tidy_columns import QUANTITIES, check_header, missing_column
@@ -25,7 +25,7 @@ from pbrdf_bayes.io.tidy_rows import (
     rows_from_cells,
     rows_from_plain,
 )
-from pbrdf_bayes.io.tidy_rules import NumberRule, check_rows, is_clean, number_rules
+from pbrdf_bayes.io.tidy_rules import NumberRule, check_rows, number_rules
 from pbrdf_bayes.io.tidy_writer import write_tidy_csv
 from pbrdf_bayes.measurement import POLARIZATIONS, Measurement, measurement_from_columns
 
@@ -208,9 +208,14 @@ def _convert(
     """Convert all rows at once, or cell by cell where that is not possible; find the bad ones."""
     codebooks = new_codebooks()
     words = {name: book.words for name, book in codebooks.items()}
-    plain = rows_from_plain(data, table.header, codebooks)
-    if plain is not None and is_clean(plain, words, rules):
-        return plain, np.zeros(len(plain), dtype=bool), words
+    bare = without_quotes(data)
+    plain = rows_from_plain(bare, table.header, codebooks)
+    if plain is not None and not np.any(plain.may_be_blank):
+        bad_rows = check_rows(
+            plain, plain_columns(bare, table.header), words, rules=rules, problems=problems,
+            nan_is_empty=True,
+        )  # fmt: skip
+        return plain, bad_rows, words
     parts, bad = [], []
     for chunk in table.chunks:
         cells = dict(zip(table.header, chunk.columns, strict=True))

@@ -191,17 +191,6 @@ def find_breaches(
         yield Breach(rule.column, wrong, _explain_number(rule), rule.not_stated)
 
 
-def is_clean(rows: Rows, words: Mapping[str, Sequence[str]], rules: Iterable[NumberRule]) -> bool:
-    """Tell whether rows in which NaN always means an empty cell break no rule."""
-    for breach in find_breaches(rows, words, rules):
-        wrong = breach.wrong
-        if breach.not_stated:
-            wrong = wrong & ~np.isnan(getattr(rows, breach.column))
-        if np.any(wrong):
-            return False
-    return True
-
-
 def check_rows(
     rows: Rows,
     cells: Mapping[str, Sequence[str]],
@@ -209,14 +198,20 @@ def check_rows(
     *,
     rules: Iterable[NumberRule],
     problems: Problems,
+    nan_is_empty: bool = False,
 ) -> NDArray[np.bool_]:
-    """Add what is wrong with the rows to ``problems``; return which rows, shape (n_rows,)."""
+    """Add what is wrong with the rows to ``problems``; return which rows, shape (n_rows,).
+
+    ``nan_is_empty`` says that NaN stands for empty cells only, so that they need not be looked at.
+    """
     bad = np.zeros(len(rows), dtype=bool)
     for breach in find_breaches(rows, words, rules):
         if breach.column not in cells:
             continue
         column = cells[breach.column]
         index = np.flatnonzero(breach.wrong)
+        if breach.not_stated and nan_is_empty:
+            index = index[~np.isnan(getattr(rows, breach.column)[index])]
         if breach.not_stated:
             stated = [column[i].strip().lower() not in breach.not_stated for i in index.tolist()]
             index = index[np.array(stated, dtype=bool)]
