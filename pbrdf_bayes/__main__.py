@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-
-from pbrdf_bayes.cli import main
+from pbrdf_bayes.cli import run_program
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_program()

@@ -12,7 +12,7 @@ _MARK = {"PASS": "ok  ", "WARN": "WARN", "FAIL": "FAIL", "SKIP": "-   "}
 
 
 def describe_file(path: Path, *, brdf_floor: float = 0.0) -> tuple[str, bool]:
-    """Summary of every sample of a tidy CSV, and whether all of them are usable.
+    """Summary of every sample of a tidy CSV, and whether there are any and nothing is wrong.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def describe_file(path: Path, *, brdf_floor: float = 0.0) -> tuple[str, bool]:
     blocks += [f"{name}: not usable\n{text}" for name, text in content.errors.items()]
     if content.message and not content.errors:
         blocks.append(content.message)
-    return "\n\n".join(blocks), not content.message
+    return "\n\n".join(blocks), bool(content.measurements) and not content.message
 
 
 def _describe(m: Measurement, said: set[str]) -> str:

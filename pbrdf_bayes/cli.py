@@ -6,12 +6,16 @@ Only light modules are imported here, so that ``--help`` answers at once.
 from __future__ import annotations
 
 import argparse
+import contextlib
+import io
 import json
 import os
+import re
 import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
+from math import floor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -23,6 +27,7 @@ if TYPE_CHECKING:
 
 DONE, BAD_INPUT, NOT_CONVERGED, STRICT_FAIL, INTERRUPTED = 0, 2, 3, 4, 130
 
+_SIGNED = ("--theta-i", "--theta-r", "--dhr-theta-i", "--phi-r")
 _EPILOG = """\
 exit codes: 0 done (a QA FAIL is still done; --strict makes it 4), 2 bad input or usage,
 3 the computation did not converge (results kept, marked), 130 interrupted
@@ -31,6 +36,25 @@ the CSV: UTF-8 with a header; columns sample, wavelength_um, quantity (brdf or d
 polarization (s, p or u), theta_i_deg, theta_r_deg (brdf only; signed, + = forward), value;
 optional sigma, n_repeats, phi_r_deg, scan, flag
 """
+
+
+def run_program() -> NoReturn:
+    """`main` for a process of its own, which ends here, with the exit code.
+
+    Without the clean-up of the interpreter: the threads of the linear algebra libraries are joined
+    there in compiled code, which no signal reaches, and under load that was seen to hang.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # names may have characters it has not
+            stream.reconfigure(errors="backslashreplace")
+    try:
+        code = main()
+    except SystemExit as stop:  # of argparse
+        code = stop.code if isinstance(stop.code, int) else DONE
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(code)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -45,7 +69,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     -------
     int
     """
-    options = build_parser().parse_args(arguments)
+    options = build_parser().parse_args(
+        _attach_angles(sys.argv[1:] if arguments is None else arguments)
+    )
     _interrupted.clear()
     for kind in (signal.SIGINT, signal.SIGTERM):
         signal.signal(kind, _interrupt)
@@ -61,7 +87,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
+    except OSError as error:  # of standard output, or of a name no file can have
+        print(f"pbrdf-bayes {options.verb}: the system refused: {error}", file=sys.stderr)
+        return BAD_INPUT
     return code
+
+
+def _attach_angles(arguments: Sequence[str]) -> list[str]:
+    """Write ``--theta-r -80:80:1`` as ``--theta-r=-80:80:1``, which argparse takes for an option.
+
+    Examples
+    --------
+    >>> _attach_angles(["predict", "--theta-r", "-80:80:1", "--phi-r", "5"])
+    ['predict', '--theta-r=-80:80:1', '--phi-r', '5']
+    """
+    attached: list[str] = []
+    for word in arguments:
+        if attached and attached[-1] in _SIGNED and re.match(r"-[\d.]", word):
+            attached[-1] += f"={word}"
+        else:
+            attached.append(word)
+    return attached
 
 
 _interrupted = threading.Event()
@@ -100,8 +146,9 @@ def _verb(
 def _add_check(verbs: Any) -> None:
     parser = _verb(verbs, "check", _check, "Validate a CSV and summarise what it holds.")
     parser.add_argument("csv", type=Path, metavar="CSV")
-    parser.add_argument("--brdf-floor", type=float, default=0.0, metavar="SR-1",
+    parser.add_argument("--brdf-floor", type=float, metavar="SR-1",
                         help="noise-equivalent BRDF; readings up to it are censored")  # fmt: skip
+    parser.add_argument("--config", type=Path, metavar="TOML", help="takes brdf_floor from it")
 
 
 def _add_fit(verbs: Any) -> None:
@@ -180,14 +227,14 @@ def _add_angles(parser: argparse.ArgumentParser, *, theta_r: str) -> None:
     parser.add_argument("--theta-i", type=_numbers, default=[0.0, 20.0, 40.0, 60.0, 80.0],
                         metavar="DEG,...", help="incidence angles (0,20,40,60,80)")  # fmt: skip
     parser.add_argument("--theta-r", type=_grid, default=_grid(theta_r), metavar="LO:HI:STEP",
-                        help=f"scattering angles ({theta_r}); --theta-r=-80:80:1")  # fmt: skip
+                        help=f"scattering angles, or a single one ({theta_r})")  # fmt: skip
     parser.add_argument("--polarization", type=_words, default=["s", "p"], metavar="s,p,u",
                         help="polarisations (s,p)")  # fmt: skip
 
 
 def _seed(text: str) -> int:
-    if not text.isdecimal():
-        msg = f"{text!r}: give a whole number that is not negative"
+    if not (text.isdecimal() and len(text) <= 18):
+        msg = f"{text[:40]!r}: give a whole number that is not negative, of up to 18 digits"
         raise argparse.ArgumentTypeError(msg)
     return int(text)
 
@@ -202,14 +249,15 @@ def _numbers(text: str) -> list[float]:
 
 def _grid(text: str) -> list[float]:
     try:
-        low, high, step = (float(part) for part in text.split(":"))
-        count = round((high - low) / step)
+        parts = [float(part) for part in text.split(":")]
+        low, high, step = parts if len(parts) != 1 else (*parts, *parts, 1.0)
+        count = floor((high - low) / step + 1e-9)
         if step <= 0.0 or count < 0 or count > 1_000_000:
             raise ValueError
     except (ValueError, ZeroDivisionError, OverflowError):
-        msg = f"{text!r}: give LO:HI:STEP with STEP > 0, e.g. -80:80:0.5"
+        msg = f"{text!r}: give one angle, or LO:HI:STEP with STEP > 0, e.g. -80:80:0.5"
         raise argparse.ArgumentTypeError(msg) from None
-    return [low + step * i for i in range(count + 1)]
+    return [min(low + step * i, high) for i in range(count + 1)]
 
 
 def _words(text: str) -> list[str]:
@@ -226,11 +274,11 @@ def _parameters(text: str) -> Parameters:
     try:
         content = text if text.lstrip().startswith("{") else Path(text).read_text(encoding="utf-8")
         table = json.loads(content)
-    except (OSError, ValueError) as error:
-        msg = f"--params {text}: not JSON and not a JSON file ({error})"
+    except (OSError, ValueError, RecursionError) as error:
+        msg = f"--params {text[:200]}: not JSON and not a JSON file ({str(error)[:200]})"
         raise ConfigError(msg) from None
-    if isinstance(table, dict) and isinstance(table.get("parameters"), dict):  # a summary.json
-        table = {k: v.get("map") for k, v in table["parameters"].items() if k in DOMAIN}
+    if isinstance(table, dict) and isinstance(rows := table.get("parameters"), dict):  # a summary
+        table = {k: v.get("map") for k, v in rows.items() if k in DOMAIN and isinstance(v, dict)}
     if not isinstance(table, dict) or set(table) != set(DOMAIN):
         given = ", ".join(table) if isinstance(table, dict) else type(table).__name__
         msg = f"--params {text}: needs exactly {', '.join(DOMAIN)}; got {given}"
@@ -240,8 +288,10 @@ def _parameters(text: str) -> Parameters:
 
 def _check(options: argparse.Namespace) -> int:
     from pbrdf_bayes.checking import describe_file
+    from pbrdf_bayes.io.config_toml import read_config
 
-    text, clean = describe_file(options.csv, brdf_floor=options.brdf_floor)
+    config = read_config(options.config, {"brdf_floor": options.brdf_floor})
+    text, clean = describe_file(options.csv, brdf_floor=config.brdf_floor)
     print(text)
     return DONE if clean else BAD_INPUT
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
-from math import isfinite
 from typing import Any
 
 from pbrdf_bayes.errors import ConfigError
@@ -168,7 +167,7 @@ def _tuple(key: str, value: Any) -> None:
 
 
 def _in_range(key: str, value: Any, low: float, high: float) -> None:
-    number = isinstance(value, (int, float)) and not isinstance(value, bool) and isfinite(value)
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
     if not number or not low <= value <= high:
         msg = f"{key} = {value!r} is not allowed: give a number in [{low:g}, {high:g}]"
         raise ConfigError(msg)

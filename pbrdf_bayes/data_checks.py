@@ -184,7 +184,10 @@ def _check_repeatability(measurement: Measurement) -> DataCheck:
 
 
 def _check_symmetry(profiles: tuple[Profile, ...]) -> DataCheck:
-    """Compare both sides of the scans at normal incidence, and look for an angular offset."""
+    """Compare both sides of the scans at normal incidence, and look for an angular offset.
+
+    Every plane counts: at normal incidence both of its halves are alike, whatever the azimuth.
+    """
     found = [
         (asymmetry, p)
         for p in profiles
@@ -295,7 +298,7 @@ def _describe_spikes(p: Profile) -> list[tuple[float, str]]:
 
 
 def _check_coverage(profiles: tuple[Profile, ...]) -> DataCheck:
-    """Count scans that miss their specular direction or have too few points."""
+    """Count scans in plane that miss their specular direction, and any with too few points."""
     if not profiles:
         return _skip("coverage", "There is no BRDF scan.")
     few = [p.scan.label for p in profiles if len(p) < MIN_POINTS]
@@ -319,17 +322,22 @@ def _check_coverage(profiles: tuple[Profile, ...]) -> DataCheck:
 
 
 def _check_s_equals_p(profiles: tuple[Profile, ...]) -> DataCheck:
-    """Compare s with p at normal incidence, where they are one and the same."""
+    """Compare s with p at normal incidence, where they are one and the same, plane by plane."""
     normal = [p for p in profiles if p.scan.theta_i_deg <= NORMAL_WITHIN_DEG]
     pairs = product(
         (p for p in normal if p.scan.polarization == "s"),
         [p for p in normal if p.scan.polarization == "p"],
     )
-    found = [(*normal_incidence_ratio(a, b, NEAR_NORMAL_DEG), a, b) for a, b in pairs]
+    found = [
+        (*normal_incidence_ratio(a, b, NEAR_NORMAL_DEG), a, b)
+        for a, b in pairs
+        if a.scan.phi_r_deg == b.scan.phi_r_deg
+    ]
     found = [item for item in found if not isnan(item[0])]
     if not found:
         return _skip(
-            "s_equals_p", "No pair of s and p scans at normal incidence covers theta_r = 0."
+            "s_equals_p",
+            "No pair of s and p scans of one plane at normal incidence covers theta_r = 0.",
         )
     ratio, error, a, b = max(found, key=lambda item: abs(item[0]))
     statement = (

@@ -13,6 +13,11 @@ from pbrdf_bayes.errors import DataError
 POLARIZATIONS = ("s", "p", "u")
 """Polarisation words of the tidy CSV; ``u`` is unpolarised, the mean of s and p."""
 
+DHR_RANGE = (-0.05, 1.05)
+"""What a DHR reading may be: noise may take it beyond 0 and 1."""
+MAX_LABEL = 200
+"""Longest name of a sample or a scan."""
+
 
 @dataclass(frozen=True, eq=False)
 class Readings:
@@ -23,8 +28,8 @@ class Readings:
     polarization : ndarray of str, shape (n_obs,)
         ``"s"``, ``"p"`` or ``"u"``.
     theta_i_deg, theta_r_deg, phi_r_deg : ndarray, shape (n_obs,)
-        Directions [deg]; ``theta_r_deg`` is signed, + on the forward side. NaN in
-        ``theta_r_deg`` for hemispherical readings.
+        Directions [deg]; ``theta_r_deg`` is signed, + on the forward side, ``phi_r_deg`` in
+        (-90, 90] for BRDF readings. NaN in ``theta_r_deg`` for hemispherical readings.
     value : ndarray, shape (n_obs,)
         BRDF [sr^-1] or DHR [1].
     u_value : ndarray, shape (n_obs,)
@@ -131,6 +136,9 @@ def measurement_from_columns(
 ) -> Measurement:
     """Group validated columns of the tidy format into a `Measurement`.
 
+    A direction has two names, (theta_r, phi_r) and (-theta_r, phi_r + 180 deg). The one with phi_r
+    in (-90, 90] is kept, so that both halves of a plane are one scan.
+
     Parameters
     ----------
     quantity, polarization, theta_i_deg, theta_r_deg, value : array_like, shape (n_rows,)
@@ -168,11 +176,16 @@ def measurement_from_columns(
 
     repeats = column(n_repeats, np.nan)
     repeated = np.nan_to_num(repeats, nan=1.0) > 1
+    is_brdf = quantity == "brdf"
+    theta_r, phi_r = name_half_plane(
+        np.where(is_brdf, column(theta_r_deg, np.nan), np.nan),
+        np.where(is_brdf, column(phi_r_deg, 0.0), 0.0),
+    )
     columns = Readings(
         polarization=np.asarray(polarization, dtype=np.str_),
         theta_i_deg=column(theta_i_deg, np.nan),
-        theta_r_deg=column(theta_r_deg, np.nan),
-        phi_r_deg=column(phi_r_deg, 0.0),
+        theta_r_deg=theta_r,
+        phi_r_deg=phi_r,
         value=column(value, np.nan),
         u_value=column(sigma, np.nan) / np.sqrt(np.where(repeated, repeats, 1.0)),
         repeated=repeated,
@@ -181,11 +194,10 @@ def measurement_from_columns(
     labels = np.full(n_rows, "") if scan is None else np.asarray(scan, dtype=np.str_)
     rank = _rank(columns.polarization, POLARIZATIONS)
 
-    is_brdf = quantity == "brdf"
-    phi = np.where(is_brdf, columns.phi_r_deg, 0.0)
-    theta_r = np.where(is_brdf, columns.theta_r_deg, 0.0)
+    phi = np.where(is_brdf, phi_r, 0.0)
+    theta = np.where(is_brdf, theta_r, 0.0)
     label_rank = _rank(labels, sorted(set(labels.tolist())))
-    order = np.lexsort((columns.row, theta_r, label_rank, phi, rank, columns.theta_i_deg))
+    order = np.lexsort((columns.row, theta, label_rank, phi, rank, columns.theta_i_deg))
     brdf_rows = order[is_brdf[order]]
     dhr_order = np.lexsort((columns.row, columns.theta_i_deg, rank))
     dhr_rows = dhr_order[~is_brdf[dhr_order]]
@@ -201,6 +213,36 @@ def measurement_from_columns(
         sha256=sha256,
         warnings=warnings,
     )
+
+
+def name_half_plane(
+    theta_r_deg: NDArray[np.float64], phi_r_deg: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Name directions by the azimuth in (-90, 90], with the sign of ``theta_r`` that goes with it.
+
+    Parameters
+    ----------
+    theta_r_deg, phi_r_deg : ndarray, shape (n,)
+        Signed scattering angle and azimuth [deg].
+
+    Returns
+    -------
+    theta_r_deg, phi_r_deg : ndarray, shape (n,)
+        Those with an azimuth in the range already are untouched; others are rounded to 1e-9 deg,
+        so that both halves of a plane get the same azimuth.
+
+    Examples
+    --------
+    >>> theta_r, phi_r = name_half_plane(np.array([10.0, 10.0]), np.array([180.0, 30.0]))
+    >>> theta_r.tolist(), phi_r.tolist()
+    ([-10.0, 10.0], [0.0, 30.0])
+    """
+    inside = (phi_r_deg > -90.0) & (phi_r_deg <= 90.0)
+    rounded = np.where(inside, phi_r_deg, np.round(phi_r_deg, 9))
+    half_turns = np.where(inside, 0.0, np.ceil(rounded / 180.0 - 0.5))
+    azimuth = np.where(inside, phi_r_deg, np.round(rounded - 180.0 * half_turns, 9))
+    theta = np.where(half_turns % 2 == 1, -theta_r_deg, theta_r_deg)
+    return theta + 0.0, azimuth + 0.0  # no negative zeros
 
 
 def _take(readings: Readings, rows: NDArray[np.int64]) -> Readings:
@@ -238,6 +280,11 @@ def _group_scans(
         label += f" {labels[start]}" if labels[start] else ""
         scans.append(Scan(label, pol, theta_i, phi, start, stop))
     return tuple(scans)
+
+
+def is_label(word: str) -> bool:
+    """Tell whether a name can be shown, in a message or a report, and is not too long."""
+    return word.isprintable() and len(word) <= MAX_LABEL
 
 
 def name_direction(polarization: str, theta_i_deg: float, phi_r_deg: float) -> str:

@@ -70,7 +70,8 @@ class Parameters:
         for field in fields(self):
             value = getattr(self, field.name)
             low, high = DOMAIN[field.name]
-            if not (isinstance(value, (int, float, np.number)) and low <= value <= high):
+            number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+            if not (number and low <= value <= high):
                 msg = f"{field.name} = {value!r} is outside the model's domain [{low:g}, {high:g}]"
                 raise DomainError(msg)
         if self.n == 1.0 and self.k == 0.0:
@@ -288,6 +289,26 @@ def digits_of(rtol: float) -> float:
         msg = f"rtol = {rtol!r} is not allowed: give a tolerance in [1e-12, 1e-2]"
         raise DomainError(msg)
     return -log10(rtol)
+
+
+def check_directions(
+    *, theta_i_deg: ArrayLike, theta_r_deg: ArrayLike = 0.0, phi_r_deg: ArrayLike = 0.0
+) -> None:
+    """Refuse directions that the model is not computed for, NaN included.
+
+    Parameters
+    ----------
+    theta_i_deg, theta_r_deg, phi_r_deg : array_like
+        Angles as in `brdf` [deg].
+
+    Raises
+    ------
+    DomainError
+        Naming the angle, its value and what is allowed.
+    """
+    _checked("theta_i_deg", theta_i_deg, 0.0, MAX_THETA_I_DEG)
+    _checked("theta_r_deg", theta_r_deg, -90.0, 90.0)
+    _checked("phi_r_deg", phi_r_deg, -360.0, 360.0)
 
 
 def _checked(name: str, values: ArrayLike, low: float, high: float) -> Array:

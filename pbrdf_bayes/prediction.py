@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.inference.bands import Targets
-from pbrdf_bayes.io.run_folder import load_analysis
-from pbrdf_bayes.model import Parameters, brdf, dhr
-from pbrdf_bayes.workflow import predict_from_analysis
+from pbrdf_bayes.model import Parameters, brdf, check_directions, dhr, digits_of
 
 Array = NDArray[np.float64]
 
@@ -51,20 +50,49 @@ def predict_table(
     Returns
     -------
     str
+
+    Raises
+    ------
+    ConfigError
+        When there is nothing to predict.
+    DomainError
+        When an angle or the tolerance is not allowed.
+    RunFolderError
+        When the folder is not a finished run.
     """
+    digits_of(rtol)
     brdf_targets = _targets(theta_i_deg, theta_r_deg, phi_r_deg, polarizations)
     dhr_targets = _targets(dhr_theta_i_deg, [np.nan], 0.0, polarizations)
+    if not brdf_targets.theta_i_deg.size + dhr_targets.theta_i_deg.size:
+        msg = "there is no angle to predict at: give theta_i_deg, or dhr_theta_i_deg for DHR"
+        raise ConfigError(msg)
+    for targets in (brdf_targets, dhr_targets):
+        check_directions(
+            theta_i_deg=targets.theta_i_deg, phi_r_deg=targets.phi_r_deg,
+            theta_r_deg=targets.theta_r_deg if targets is brdf_targets else 0.0,
+        )  # fmt: skip
+    bands = _bands_of_run(folder) if folder is not None else None
     lines = [",".join(COLUMNS)]
     for quantity, targets in (("brdf", brdf_targets), ("dhr", dhr_targets)):
         if not targets.theta_i_deg.size:
             continue
-        if folder is not None:
-            bands = predict_from_analysis(load_analysis(folder), targets)
-            values = np.column_stack([bands.model[:, [2, 0, 1, 3, 4]], bands.predictive[:, [0, 4]]])
-        else:
-            values = _of_parameters(parameters, targets, rtol)
+        values = bands(targets) if bands else _of_parameters(parameters, targets, rtol)
         lines += _lines(quantity, targets, values)
     return "\n".join(lines) + "\n"
+
+
+def _bands_of_run(folder: Path) -> Callable[[Targets], Array]:
+    """Read a run once; from it median, model band and predictive band, shape (n, 7)."""
+    from pbrdf_bayes.io.run_folder import load_analysis
+    from pbrdf_bayes.workflow import predict_from_analysis  # loads all the rest, plots included
+
+    analysis = load_analysis(folder)
+
+    def of(targets: Targets) -> Array:
+        bands = predict_from_analysis(analysis, targets)
+        return np.column_stack([bands.model[:, [2, 0, 1, 3, 4]], bands.predictive[:, [0, 4]]])
+
+    return of
 
 
 def _targets(

@@ -139,7 +139,7 @@ def find_spikes(
     padded = np.pad(size / gain, 2)
     largest = np.all([size / gain >= padded[d : d + size.size] for d in range(5)], axis=0)
     step = float(np.median(np.diff(p.theta_r_deg)))
-    spared = np.abs(p.theta_r_deg[2:-2] - p.scan.theta_i_deg) <= 3 * step
+    spared = from_specular_deg(p)[2:-2] <= 3 * step
     spared |= (deviation < 0) & (p.scan.polarization == "p")
     index = np.flatnonzero(beyond & alone.all(axis=0) & largest & ~spared)
     return index + 2, deviation[index]
@@ -225,14 +225,28 @@ def normal_incidence_ratio(a: Profile, b: Profile, reach_deg: float) -> tuple[fl
 
 
 def in_plane(scan: Scan) -> bool:
-    """Tell whether positive angles of a scan are on the specular side of the plane of incidence."""
-    return scan.phi_r_deg % 360 == 0
+    """Tell whether a scan lies in the plane of incidence."""
+    return scan.phi_r_deg == 0
+
+
+def from_specular_deg(p: Profile) -> Array:
+    """Angle between each direction of a scan and its specular direction, shape (n_angles,) [deg].
+
+    sin^2(d/2) = sin^2((theta_r - theta_i)/2) + sin(theta_r) sin(theta_i) sin^2(phi_r/2)
+    """
+    theta_r, theta_i = np.deg2rad(p.theta_r_deg), np.deg2rad(p.scan.theta_i_deg)
+    across = np.sin(0.5 * np.deg2rad(p.scan.phi_r_deg)) ** 2
+    if across == 0.0:
+        return np.abs(p.theta_r_deg - p.scan.theta_i_deg)
+    square = np.sin(0.5 * (theta_r - theta_i)) ** 2 + np.sin(theta_r) * np.sin(theta_i) * across
+    distance: Array = np.rad2deg(2.0 * np.arcsin(np.sqrt(np.clip(square, 0.0, 1.0))))
+    return distance
 
 
 def covers_specular(p: Profile, *, within_deg: float) -> bool:
     """Tell whether a scan has a point within some degrees, or a step, of its specular direction."""
     step = float(np.median(np.diff(p.theta_r_deg))) if len(p) > 1 else 0.0
-    nearest = float(np.min(np.abs(p.theta_r_deg - p.scan.theta_i_deg), initial=np.inf))
+    nearest = float(np.min(from_specular_deg(p), initial=np.inf))
     return nearest <= max(within_deg, step)
 
 

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from pbrdf_bayes.measurement import Measurement, measurement_from_columns
+from pbrdf_bayes.errors import ConfigError
+from pbrdf_bayes.measurement import (
+    DHR_RANGE,
+    MAX_LABEL,
+    Measurement,
+    is_label,
+    measurement_from_columns,
+)
 from pbrdf_bayes.model import Parameters, brdf, dhr
+
+Array = NDArray[np.float64]
 
 GREEN_PAINT = Parameters(n=1.526, k=0.193, sigma_n0=0.4528, rho0=0.47)
 """Published parameters of the green paint at 3.39 um, rho0 as used for the paper's predictions."""
@@ -49,15 +59,23 @@ def simulate_measurement(
         Angles of each scan [deg]; the paper's -80..80 by 0.5 by default.
     polarizations : sequence of {"s", "p", "u"}
     relative_noise : float
-        Standard deviation of ln(reading) [1].
+        Standard deviation of ln(reading), in [0, 1] [1].
     dhr_noise : float
-        Standard deviation of a DHR reading [1].
+        Standard deviation of a DHR reading, in [0, 1] [1].
     u_brdf_cal, u_dhr_cal : float
-        Standard deviation of the gain of a scan, and of the DHR of a polarisation [1].
+        Standard deviation of the gain of a scan, and of the DHR of a polarisation, in [0, 1] [1].
 
     Returns
     -------
     Measurement
+
+    Raises
+    ------
+    ConfigError
+        When a number or the name is not allowed, or a reading comes out as none that the reader
+        of the tidy CSV takes: a BRDF of zero, or a DHR beyond its range.
+    DomainError
+        When an angle is outside the model's domain.
 
     Examples
     --------
@@ -65,6 +83,12 @@ def simulate_measurement(
     >>> m.sample, len(m.scans), len(m.brdf), len(m.dhr)
     ('paint_simulated', 2, 642, 16)
     """
+    _in_unit(
+        relative_noise=relative_noise, dhr_noise=dhr_noise, u_brdf_cal=u_brdf_cal,
+        u_dhr_cal=u_dhr_cal,
+    )  # fmt: skip
+    name = sample if LABEL in sample.lower() else f"{sample}_{LABEL}"
+    _nameable(sample, name, wavelength_um)
     rng = np.random.default_rng(seed)
     grid = np.arange(-160, 161) / 2.0 if theta_r_deg is None else np.asarray(theta_r_deg, float)
     columns: dict[str, list[object]] = {
@@ -80,15 +104,17 @@ def simulate_measurement(
             gain = np.exp(u_brdf_cal * rng.standard_normal())
             noise = np.exp(relative_noise * rng.standard_normal(grid.size))
             values = brdf(parameters, theta_i, grid, q, rtol=1e-10) * gain * noise
+            _readable("brdf", values, values > 0.0, "more reflectance (sigma_n0)")
             for theta_r, value in zip(grid.tolist(), values.tolist(), strict=True):
                 add("brdf", q, theta_i, theta_r, value)
     for q in polarizations if dhr_theta_i_deg else ():
         gain = 1.0 + u_dhr_cal * rng.standard_normal()
         readings = dhr(parameters, dhr_theta_i_deg, q) * gain
         readings += dhr_noise * rng.standard_normal(readings.size)
+        low, high = DHR_RANGE
+        _readable("dhr", readings, (readings >= low) & (readings <= high), "less noise")
         for theta_i, value in zip(dhr_theta_i_deg, readings.tolist(), strict=True):
             add("dhr", q, theta_i, np.nan, value)
-    name = sample if LABEL in sample.lower() else f"{sample}_{LABEL}"
     return measurement_from_columns(
         sample=name,
         wavelength_um=wavelength_um,
@@ -98,3 +124,32 @@ def simulate_measurement(
         theta_r_deg=columns["theta_r_deg"],  # type: ignore[arg-type]
         value=columns["value"],  # type: ignore[arg-type]
     )
+
+
+def _in_unit(**shares: float) -> None:
+    for name, value in shares.items():
+        if not 0.0 <= value <= 1.0:
+            msg = f"{name} = {value!r} is not allowed: give a number in [0, 1]"
+            raise ConfigError(msg)
+
+
+def _nameable(sample: str, name: str, wavelength_um: float) -> None:
+    if not sample.strip() or not is_label(name):
+        msg = (
+            f"sample = {sample[:40]!r} is not allowed: give up to "
+            f"{MAX_LABEL - len(LABEL) - 1} printable characters, not nothing"
+        )
+        raise ConfigError(msg)
+    if not (isfinite(wavelength_um) and wavelength_um > 0.0):
+        msg = f"wavelength_um = {wavelength_um!r} is not allowed: give micrometres above 0"
+        raise ConfigError(msg)
+
+
+def _readable(quantity: str, values: Array, allowed: NDArray[np.bool_], remedy: str) -> None:
+    """Refuse readings that the reader of the tidy CSV would refuse."""
+    if not np.all(allowed):
+        msg = (
+            f"a simulated {quantity} reading is {values[~allowed][0]:.3g}, which no file may hold: "
+            f"give {remedy}"
+        )
+        raise ConfigError(msg)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pbrdf_bayes.assemble import Stages, assemble, measurement_of
 from pbrdf_bayes.config import ACCURACIES, RunConfig
 from pbrdf_bayes.data_checks import DataCheck, check_measurement
-from pbrdf_bayes.errors import DataError, RunFolderError
+from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.inference.bands import Bands, Targets, inside_band, predict_bands, scan_scales
 from pbrdf_bayes.inference.diagnostics import assess_identifiability, run_diagnostics
 from pbrdf_bayes.inference.holdout import run_holdout
@@ -37,7 +37,7 @@ from pbrdf_bayes.io import run_folder
 from pbrdf_bayes.io.config_toml import config_from_table, config_table
 from pbrdf_bayes.io.tidy_csv import read_measurement
 from pbrdf_bayes.measurement import Measurement
-from pbrdf_bayes.model import MAX_THETA_I_DEG
+from pbrdf_bayes.model import check_directions
 from pbrdf_bayes.physics.brdf import evaluate
 from pbrdf_bayes.report.page import render_report
 from pbrdf_bayes.results import Analysis
@@ -406,12 +406,13 @@ def predict_from_analysis(analysis: Analysis, targets: Targets) -> Bands:
 
     Raises
     ------
-    DataError
-        When an angle is out of range.
+    DomainError
+        When an angle is out of range or not a number.
     """
-    if np.any((targets.theta_i_deg < 0.0) | (targets.theta_i_deg > MAX_THETA_I_DEG)):
-        msg = f"theta_i_deg must be in [0, {MAX_THETA_I_DEG}]"
-        raise DataError(msg)
+    check_directions(
+        theta_i_deg=targets.theta_i_deg, phi_r_deg=targets.phi_r_deg,
+        theta_r_deg=0.0 if targets.hemispherical else targets.theta_r_deg,
+    )  # fmt: skip
     config = config_from_table(analysis.summary["config"])
     posterior = build_posterior(measurement_of(analysis), config)
     group = analysis.draws["posterior"].to_dataset()

@@ -308,6 +308,45 @@ def test_coverage_asks_nothing_of_scans_out_of_plane():
     assert named(take(m, m.brdf.theta_r_deg < 0), "coverage").verdict == "PASS"
 
 
+def in_plane_of(m: Measurement, phi_r_deg: float) -> Measurement:
+    """The same readings at another azimuth."""
+    m = change(m, phi_r_deg=np.full(len(m.brdf), phi_r_deg))
+    return take(m, np.ones(len(m.brdf), bool))
+
+
+def test_scans_out_of_plane_and_in_plane_are_judged_each_by_itself():
+    """Half of the scans lies across the plane of incidence and never reaches 60 deg."""
+    m = paint(theta_i=(60.0,))
+    across = change(m, phi_r_deg=np.where(m.brdf.polarization == "p", 90.0, 0.0))
+    check = named(take(across, m.brdf.theta_r_deg < 50), "coverage")
+    assert (check.verdict, check.value) == ("WARN", 1.0)
+    assert check.statement.endswith("Without the specular direction: s 60 deg.")
+
+
+@pytest.mark.parametrize("phi_r_deg", [90.0, 45.0, -30.0])
+def test_symmetry_at_normal_incidence_holds_in_every_plane(phi_r_deg):
+    m = in_plane_of(paint(theta_i=(0.0,)), phi_r_deg)
+    assert named(m, "symmetry").verdict == "PASS"
+    assert named(scale(m, 1.5, m.brdf.theta_r_deg > 0), "symmetry").verdict == "WARN"
+
+
+def test_s_equals_p_compares_scans_of_one_plane():
+    m = paint(theta_i=(0.0,))
+    assert named(in_plane_of(m, 90.0), "s_equals_p").verdict == "PASS"
+    across = change(m, phi_r_deg=np.where(m.brdf.polarization == "p", 90.0, 0.0))
+    check = named(take(across, np.ones(len(m.brdf), bool)), "s_equals_p")
+    assert check.verdict == "SKIP"
+    assert "one plane" in check.statement
+
+
+def test_spikes_out_of_plane_are_not_spared_for_the_specular_direction():
+    """At azimuth 90 deg nothing special is at theta_r = theta_i."""
+    m = paint(theta_i=(40.0,), polarizations="s")
+    bent = scale(m, 4.0, m.brdf.theta_r_deg == 40.0)
+    assert named(take(bent, np.ones(len(m.brdf), bool)), "spikes").verdict == "PASS"
+    assert named(in_plane_of(bent, 90.0), "spikes").verdict == "WARN"
+
+
 @pytest.mark.parametrize("hidden_deg", [-1.0, 5.0])
 @pytest.mark.parametrize(("factor", "verdict"), [(1.0, "PASS"), (1.15, "WARN"), (2.0, "FAIL")])
 def test_s_equals_p(factor, verdict, hidden_deg):

@@ -9,8 +9,11 @@ from pbrdf_bayes.errors import DataError
 from pbrdf_bayes.measurement import (
     measurement_from_columns,
     name_direction,
+    name_half_plane,
     select_scans,
 )
+from pbrdf_bayes.model import brdf
+from pbrdf_bayes.simulate import GREEN_PAINT
 
 COLUMNS = ("quantity", "polarization", "theta_i_deg", "theta_r_deg", "value", "phi_r_deg", "scan")
 ROWS = [
@@ -122,3 +125,41 @@ def test_select_no_scan_at_all():
 )
 def test_name_direction(direction, name):
     assert name_direction(*direction) == name
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 30.0, -9.9, 90.0, 12.3456])
+def test_both_halves_of_a_plane_are_one_scan(azimuth):
+    """Written with a positive angle and the azimuth of either half."""
+    theta = [10.0, 20.0, 30.0]
+    for other in (azimuth + 180.0, azimuth - 180.0):
+        m = build(
+            [("brdf", "s", 20.0, t, 0.1 + t / 100, azimuth, "") for t in theta]
+            + [("brdf", "s", 20.0, t, 0.5 + t / 100, other, "") for t in theta]
+        )
+        assert len(m.scans) == 1
+        assert m.scans[0].phi_r_deg == azimuth
+        assert m.brdf.theta_r_deg.tolist() == [-30.0, -20.0, -10.0, 10.0, 20.0, 30.0]
+        np.testing.assert_allclose(m.brdf.value, [0.8, 0.7, 0.6, 0.2, 0.3, 0.4])
+
+
+@given(st.floats(-90.0, 90.0), st.floats(-360.0, 360.0))
+def test_the_other_name_of_a_direction_is_the_same_direction(theta_r, phi_r):
+    (theta,), (phi,) = name_half_plane(np.array([theta_r]), np.array([phi_r]))
+    assert -90.0 < phi <= 90.0
+    if -90.0 < phi_r <= 90.0:
+        assert (theta, phi) == (theta_r, phi_r)
+    for axis in (np.cos, np.sin):
+        old = np.sin(np.deg2rad(theta_r)) * axis(np.deg2rad(phi_r))
+        assert np.sin(np.deg2rad(theta)) * axis(np.deg2rad(phi)) == pytest.approx(old, abs=1e-10)
+
+
+@pytest.mark.parametrize("polarization", ["s", "p", "u"])
+def test_the_model_is_the_same_for_either_name(polarization):
+    theta_r, phi_r = np.array([-60.0, 5.0, 40.0, 70.0]), np.array([180.0, -180.0, 215.0, -90.0])
+    theta, phi = name_half_plane(theta_r, phi_r)
+    assert phi.tolist() == [0.0, 0.0, 35.0, 90.0]
+    np.testing.assert_allclose(
+        brdf(GREEN_PAINT, 40.0, theta, polarization, phi_r_deg=phi),
+        brdf(GREEN_PAINT, 40.0, theta_r, polarization, phi_r_deg=phi_r),
+        rtol=1e-12,
+    )

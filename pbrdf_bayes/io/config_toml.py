@@ -82,7 +82,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
     except OSError as error:
         msg = f"{path}: cannot be read ({error.strerror}). Give the path of a TOML file"
         raise ConfigError(msg) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # of TOML or UTF-8
         msg = f"{path}: not a TOML file: {error}"
         raise ConfigError(msg) from None
 

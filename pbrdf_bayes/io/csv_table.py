@@ -9,19 +9,20 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, compress, islice
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.config import did_you_mean
 from pbrdf_bayes.errors import DataError
-from pbrdf_bayes.io.problems import N_LISTED, Problem, Problems, compose_message
+from pbrdf_bayes.io.problems import Problem, Problems, compose_message
 
 MAX_LINE_BYTES = 65_536
 CHUNK_ROWS = 1024
@@ -33,7 +34,7 @@ _FOREIGN = (
     (b"\xff\xfe", "text in UTF-16", _SAVE_AS_UTF8),
     (b"\xfe\xff", "text in UTF-16", _SAVE_AS_UTF8),
 )
-_NOT_PLAIN = (b'"', b"true", b"True", b"TRUE", b"false", b"False", b"FALSE")
+_NOT_PLAIN = (b"true", b"True", b"TRUE", b"false", b"False", b"FALSE")
 _SEPARATORS = {
     ";": ("semicolons", "sed 's/,/./g; s/;/,/g' OLD.csv > NEW.csv"),
     "\t": ("tabs", "sed 's/,/./g' OLD.csv | tr '\\t' ',' > NEW.csv"),
@@ -71,7 +72,7 @@ def read_bytes(path: str | Path) -> bytes:
     except FileNotFoundError:
         refuse(path, f"there is no such file.{_similar_file(file)}")
     except (OSError, ValueError) as error:
-        if file.is_dir():
+        if os.path.isdir(file):  # noqa: PTH112 - Path.is_dir raises for a name that is too long
             refuse(path, "this is a folder. Give the CSV file in it.")
         refuse(path, f"the file cannot be read ({getattr(error, 'strerror', None) or error}).")
 
@@ -94,12 +95,54 @@ def open_table(path: str | Path, data: bytes, problems: Problems) -> Table:
     return Table(header, _chunks(blocks, len(header), problems))
 
 
+def without_quotes(data: bytes) -> bytes:
+    """Take the quotes away where each pair stands around a whole cell that does not need them."""
+    content = np.frombuffer(data, dtype=np.uint8)
+    is_quote = content == ord('"')
+    quotes = np.flatnonzero(is_quote)
+    if not quotes.size or quotes.size % 2:
+        return data
+    separates = (content == ord(",")) | (content == ord("\n")) | (content == ord("\r"))
+    first, last = quotes[::2], quotes[1::2]
+    bounded = (first == 0) | separates[first - 1]
+    bounded &= separates[np.minimum(last + 1, content.size - 1)] | (last == content.size - 1)
+    if not np.all(bounded):
+        return data
+    inside = np.zeros(content.size, dtype=np.int8)
+    inside[first], inside[last] = 1, -1
+    np.cumsum(inside, out=inside)
+    return data if np.any(separates & (inside > 0)) else data.replace(b'"', b"")
+
+
+@dataclass(frozen=True, eq=False)
+class PlainColumn(Sequence[str]):
+    """Cells of a column of a plain file, cut out of its lines when they are asked for."""
+
+    data: bytes
+    ends: NDArray[np.int64]
+    place: int
+
+    def __len__(self) -> int:
+        return int(self.ends.size) - 1
+
+    def __getitem__(self, row: Any) -> Any:
+        line = self.data[self.ends[row] + 1 : self.ends[row + 1]].decode()
+        return line.removesuffix("\r").split(",")[self.place]
+
+
+def plain_columns(data: bytes, header: Sequence[str]) -> dict[str, PlainColumn]:
+    """Columns of a plain file by name, the header not counted as a row."""
+    ends = np.flatnonzero(np.frombuffer(data, dtype=np.uint8) == ord("\n"))
+    ends = ends if data.endswith(b"\n") else np.append(ends, len(data))
+    return {name: PlainColumn(data, ends, place) for place, name in enumerate(header)}
+
+
 def is_plain(data: bytes, width: int) -> bool:
     """Tell whether a file is of the plainest kind: rows of ``width`` cells, one a line, no quotes.
 
     Words that pandas would read as a number do not occur in it either.
     """
-    if any(word in data for word in _NOT_PLAIN):
+    if b'"' in data or any(word in data for word in _NOT_PLAIN):
         return False
     if b"\r" in data and data.count(b"\r") != data.count(b"\r\n"):
         return False
@@ -219,16 +262,11 @@ def _chunks(
     blocks: Iterable[tuple[list[int], list[list[str]]]], width: int, problems: Problems
 ) -> Iterator[Chunk]:
     """Turn blocks of rows into columns, without rows that are blank or of another length."""
-    n_ragged = 0
     for lines, rows in blocks:
         if set(map(len, rows)) != {width} or not all(map(any, rows)):
-            ragged = [
-                _ragged(line, row, width)
-                for line, row in zip(lines, rows, strict=True)
-                if len(row) != width and any(map(str.strip, row))
-            ]
-            problems.extend(ragged[: max(N_LISTED - n_ragged, 0)], n=len(ragged))
-            n_ragged += len(ragged)
+            for line, row in zip(lines, rows, strict=True):
+                if len(row) != width and any(map(str.strip, row)):
+                    problems.add(_ragged(line, row, width))
             keep = [len(row) == width and any(row) for row in rows]
             lines, rows = list(compress(lines, keep)), list(compress(rows, keep))
         if rows:
@@ -237,11 +275,11 @@ def _chunks(
 
 def _ragged(line: int, cells: Sequence[str], width: int) -> Problem:
     """Say how a row differs from the header in length, and why that may be."""
-    text = f"{len(cells)} cell{'s' if len(cells) > 1 else ''} where the header has {width}. "
+    text = f"{len(cells)} cell{'s' if len(cells) > 1 else ''} where the header has {width}."
     if any(";" in cell for cell in cells):
-        text += "Separate the cells by commas, not by semicolons."
+        remedy = "Separate the cells by commas, not by semicolons."
     elif len(cells) > width:
-        text += "Write decimal points, not decimal commas; put names with a comma in quotes."
+        remedy = "Write decimal points, not decimal commas; put names with a comma in quotes."
     else:
-        text += "Fill in the missing cells; an empty cell needs its comma too."
-    return Problem(line, "", text)
+        remedy = "Fill in the missing cells; an empty cell needs its comma too."
+    return Problem(line, "", f"{text} {remedy}", kind=remedy)

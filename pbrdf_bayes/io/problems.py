@@ -3,63 +3,87 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 N_LISTED = 20
 """Problems written out in a message; the rest is counted."""
+N_LINES = 4
+"""Lines named where several have the same problem."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing wrong: where, and what to do about it.
+    """One thing wrong, in one line or in several: where, and what to do about it.
 
     Attributes
     ----------
     line : int
-        Line in the file, the header being line 1; 0 for the file as a whole.
+        (First) line in the file, the header being line 1; 0 for the file as a whole.
     column : str
         Column name; empty where the line as a whole is meant.
     text : str
         The value seen, what is allowed and the remedy.
     sample : str
         Sample the line belongs to; empty where that cannot be told.
+    kind : str
+        What problems of this kind have in common; the text itself by default.
+    n : int
+        Lines that have it.
+    lines : tuple of int
+        The first of them; ``line`` alone by default.
     """
 
     line: int
     column: str
     text: str
     sample: str = ""
+    kind: str = ""
+    n: int = 1
+    lines: tuple[int, ...] = ()
 
     def __str__(self) -> str:
         place = [f"line {self.line}"] if self.line else []
         place += [f"column {self.column}"] if self.column else []
-        return f"{', '.join(place)}: {self.text}" if place else self.text
+        text = f"{', '.join(place)}: {self.text}" if place else self.text
+        return f"{text} {self._others()}" if self.n > 1 else text
+
+    def _others(self) -> str:
+        others = ", ".join(str(line) for line in self.lines[1:])
+        more = ", ..." if self.n > len(self.lines) else ""
+        return f"The same in line{'s' if self.n > 2 else ''} {others}{more} ({self.n} rows in all)."
+
+    def joined(self, other: Problem) -> Problem:
+        """The same problem in the lines of both."""
+        first = min(self, other, key=lambda problem: problem.line)
+        lines = sorted((*(self.lines or (self.line,)), *(other.lines or (other.line,))))
+        return replace(first, n=self.n + other.n, lines=tuple(lines[:N_LINES]))
 
 
 @dataclass
 class Problems:
-    """Problems found so far: all of them counted, the first ones kept."""
+    """Problems found so far: one for each sample, column and kind, and the number of all."""
 
-    found: list[Problem] = field(default_factory=list)
+    found: dict[tuple[str, str, str], Problem] = field(default_factory=dict)
     n: int = 0
 
-    def add(self, problem: Problem, *, n: int = 1) -> None:
-        """Keep ``problem`` as one of ``n`` of its kind."""
-        self.found.append(problem)
-        self.n += n
+    def add(self, problem: Problem) -> None:
+        """Keep ``problem``, with others of its kind as one."""
+        key = (problem.sample, problem.column, problem.kind or problem.text)
+        self.found[key] = self.found[key].joined(problem) if key in self.found else problem
+        self.n += problem.n
 
-    def extend(self, problems: Iterable[Problem], *, n: int) -> None:
-        """Keep the first ``problems`` of a kind that occurs ``n`` times."""
-        self.found.extend(problems)
-        self.n += n
-
-    def listed(self) -> tuple[Problem, ...]:
-        """First `N_LISTED` problems in the order of the file."""
-        return tuple(sorted(self.found, key=lambda problem: problem.line)[:N_LISTED])
+    def listed(self, sample: str | None = None) -> tuple[Problem, ...]:
+        """First `N_LISTED` kinds in the order of the file, of all samples together or of one."""
+        kinds: dict[tuple[str, str], Problem] = {}
+        for (name, *kind), problem in self.found.items():
+            if sample is None or name == sample:
+                key = (kind[0], kind[1])
+                kinds[key] = kinds[key].joined(problem) if key in kinds else problem
+        return tuple(sorted(kinds.values(), key=lambda problem: problem.line)[:N_LISTED])
 
 
 def compose_message(source: str, problems: Iterable[Problem], n: int) -> str:
-    """Word ``n`` problems, of which the first are given, as one block of text.
+    """Word ``n`` problems, of which the first kinds are given, as one block of text.
 
     Examples
     --------
@@ -71,7 +95,8 @@ def compose_message(source: str, problems: Iterable[Problem], n: int) -> str:
     listed = list(problems)
     lines = [f"{source}: {n} problem{'s' if n != 1 else ''}, nothing was read."]
     lines += [f"  {problem}" for problem in listed]
-    lines += [f"  ... and {n - len(listed)} more."] if n > len(listed) else []
+    left = n - sum(problem.n for problem in listed)
+    lines += [f"  ... and {left} more."] if left else []
     return "\n".join(lines)
 
 

@@ -212,7 +212,7 @@ def load_summary(folder: Path) -> dict[str, Any]:
         raise RunFolderError(msg)
     try:
         summary: dict[str, Any] = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         msg = f"{folder / SUMMARY}: damaged ({error})"
         raise RunFolderError(msg) from None
     version = summary.get("schema_version") if isinstance(summary, dict) else None

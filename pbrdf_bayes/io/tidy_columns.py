@@ -83,10 +83,8 @@ def to_floats(cells: Sequence[str]) -> NDArray[np.float64]:
         try:
             return np.fromiter(map(float, cells), np.float64, len(cells))
         except ValueError:
-            table = {cell: to_float(cell) for cell in set(cells)}
-    else:
-        table = {cell: to_float(cell) for cell in set(cells)}
-    return np.fromiter(map(table.__getitem__, cells), np.float64, len(cells))
+            return np.fromiter(map(to_float, cells), np.float64, len(cells))
+    return np.fromiter(map(to_float, cells), np.float64, len(cells))
 
 
 def to_float(cell: str) -> float:

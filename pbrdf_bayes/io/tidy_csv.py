@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.errors import ConfigError, DataError
-from pbrdf_bayes.io.csv_table import Table, open_table, read_bytes
+from pbrdf_bayes.io.csv_table import Table, open_table, plain_columns, read_bytes, without_quotes
 from pbrdf_bayes.io.problems import Problem, Problems, compose_message, show_cell
 from pbrdf_bayes.io.tidy_choice import Key, choose_key, explain_sample
 from pbrdf_bayes.io.tidy_columns import QUANTITIES, check_header, missing_column
@@ -25,7 +25,7 @@ from pbrdf_bayes.io.tidy_rows import (
     rows_from_cells,
     rows_from_plain,
 )
-from pbrdf_bayes.io.tidy_rules import NumberRule, check_rows, is_clean, number_rules
+from pbrdf_bayes.io.tidy_rules import NumberRule, check_rows, number_rules
 from pbrdf_bayes.io.tidy_writer import write_tidy_csv
 from pbrdf_bayes.measurement import POLARIZATIONS, Measurement, measurement_from_columns
 
@@ -47,7 +47,7 @@ class TidyFile:
     errors : mapping of str to str
         Message for each sample that is refused or has no usable row, by name.
     problems : tuple of Problem
-        First problems of the whole file, in its order.
+        First kinds of problems of the whole file, in its order.
     n_problems : int
         Number of all problems.
     warnings : tuple of str
@@ -113,7 +113,7 @@ def read_measurement(
     ------
     DataError
         When anything is wrong: one message that names line, column, value, allowed range and
-        remedy of the first 20 problems, and the number of all.
+        remedy of the first 20 kinds of problems, and the number of all.
     ConfigError
         When ``brdf_floor`` is negative or not finite.
 
@@ -163,7 +163,7 @@ def read_samples(path: str | Path, *, brdf_floor: float = 0.0) -> TidyFile:
         When ``brdf_floor`` is negative or not finite.
     """
     content = _read(path, brdf_floor)
-    if any(not problem.sample for problem in content.problems.found):
+    if any(not sample for sample, *_ in content.problems.found):
         raise DataError(_message(content))
     errors = _refused_samples(content)
     groups = {key: rows for key, rows in _group(content).items() if key[0] not in errors}
@@ -208,9 +208,14 @@ def _convert(
     """Convert all rows at once, or cell by cell where that is not possible; find the bad ones."""
     codebooks = new_codebooks()
     words = {name: book.words for name, book in codebooks.items()}
-    plain = rows_from_plain(data, table.header, codebooks)
-    if plain is not None and is_clean(plain, words, rules):
-        return plain, np.zeros(len(plain), dtype=bool), words
+    bare = without_quotes(data)
+    plain = rows_from_plain(bare, table.header, codebooks)
+    if plain is not None and not np.any(plain.may_be_blank):
+        bad_rows = check_rows(
+            plain, plain_columns(bare, table.header), words, rules=rules, problems=problems,
+            nan_is_empty=True,
+        )  # fmt: skip
+        return plain, bad_rows, words
     parts, bad = [], []
     for chunk in table.chunks:
         cells = dict(zip(table.header, chunk.columns, strict=True))
@@ -251,14 +256,13 @@ def _refused_samples(content: _Content) -> dict[str, str]:
         name: f"{content.path}: sample {show_cell(name)}: {explain_sample(None, [])}"
         for name in unused
     }
-    listed = content.problems.listed()
     lines, codes = content.rows.line[content.bad], content.rows.sample[content.bad]
     for code, first, n in zip(
         *np.unique(codes, return_index=True, return_counts=True), strict=True
     ):
         head = f"{content.path}: sample {show_cell(names[code])} was not read: {n} row"
         head += f"{'s' if n > 1 else ''} with problems from line {lines[first]} on."
-        own = (f"  {problem}" for problem in listed if problem.sample == names[code])
+        own = (f"  {problem}" for problem in content.problems.listed(names[code]))
         errors[names[code]] = "\n".join([head, *own])
     return {name: errors[name] for name in sorted(errors)}
 

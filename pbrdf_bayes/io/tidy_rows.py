@@ -59,6 +59,12 @@ class Rows:
     def __len__(self) -> int:
         return int(self.line.size)
 
+    @property
+    def may_be_blank(self) -> NDArray[np.bool_]:
+        """Rows without a known word and without numbers: perhaps nothing but commas."""
+        blank = (self.quantity < 0) & (self.polarization < 0)
+        return blank & np.isnan(self.theta_i_deg) & np.isnan(self.value)
+
 
 def new_codebooks() -> dict[str, Codebook]:
     """Empty codebook for each text column."""
@@ -83,29 +89,21 @@ def rows_from_cells(
 def rows_from_plain(
     data: bytes, header: Sequence[str], codebooks: Mapping[str, Codebook]
 ) -> Rows | None:
-    """Convert a whole file at once; None where it is not plain or a cell is not as expected."""
+    """Convert a whole file at once; None where it is not plain.
+
+    NaN always means an empty cell here; minus infinity stands for a cell that holds no number.
+    """
     if not is_plain(data, len(header)):
         return None
     place = {name: header.index(name) for name in WORD_COLUMNS + NUMBER_COLUMNS if name in header}
     try:
         if not data.isascii():
             data.decode()  # pandas does not look at the columns it leaves out
-        table = pd.read_csv(
-            io.BytesIO(data),
-            header=None,
-            skiprows=1,
-            names=range(len(header)),
-            usecols=sorted(place.values()),
-            # Not "category": it turns words such as 01 into numbers.
-            dtype={i: object if n in WORD_COLUMNS else np.float64 for n, i in place.items()},
-            keep_default_na=False,
-            na_values=[""],
-            skipinitialspace=True,
-            quoting=csv.QUOTE_NONE,
-            **_EXACT,
-        )
-    except ValueError:
+        table = _read_plain(data, len(header), place, np.float64)
+    except UnicodeDecodeError:
         return None
+    except ValueError:
+        table = _read_plain(data, len(header), place, object)
     n_rows = len(table)
     codes = {name: np.full(n_rows, codebooks[name].encode([""])[0]) for name in WORD_COLUMNS}
     numbers = {name: np.full(n_rows, nan) for name in NUMBER_COLUMNS}
@@ -113,9 +111,37 @@ def rows_from_plain(
         if name in WORD_COLUMNS:
             cell, cells = pd.factorize(table[index])
             codes[name] = codebooks[name].encode([*cells, ""])[cell]
-        else:
+        elif table[index].dtype == np.float64:
             numbers[name] = table[index].to_numpy()
+        else:
+            numbers[name] = _nan_where_empty(table[index].tolist())
     return _assemble(np.arange(2, n_rows + 2), codes, numbers, codebooks)
+
+
+def _nan_where_empty(cells: Sequence[str]) -> NDArray[np.float64]:
+    numbers = to_floats(cells)
+    stated = np.fromiter(map(bool, cells), np.bool_, len(cells))
+    return np.where(np.isnan(numbers) & stated, -np.inf, numbers)
+
+
+def _read_plain(data: bytes, width: int, place: Mapping[str, int], number: type) -> pd.DataFrame:
+    """Cells by the place of their column, with numbers or, where ``number`` is object, as text."""
+    empty: dict[str, Any] = {"na_filter": False} if number is object else {"na_values": [""]}
+    table: pd.DataFrame = pd.read_csv(
+        io.BytesIO(data),
+        header=None,
+        skiprows=1,
+        names=range(width),
+        usecols=sorted(place.values()),
+        # Not "category": it turns words such as 01 into numbers.
+        dtype={i: object if n in WORD_COLUMNS else number for n, i in place.items()},
+        keep_default_na=False,
+        skipinitialspace=True,
+        quoting=csv.QUOTE_NONE,
+        **empty,
+        **_EXACT,
+    )
+    return table
 
 
 def join_rows(parts: Sequence[Rows]) -> Rows:

@@ -13,12 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.config import did_you_mean
-from pbrdf_bayes.io.problems import N_LISTED, Problem, Problems, show_cell
+from pbrdf_bayes.io.problems import N_LINES, Problem, Problems, show_cell
 from pbrdf_bayes.io.tidy_columns import QUANTITIES, to_float
 from pbrdf_bayes.io.tidy_rows import Rows
-from pbrdf_bayes.measurement import POLARIZATIONS
-
-MAX_LABEL = 200
+from pbrdf_bayes.measurement import DHR_RANGE, MAX_LABEL, POLARIZATIONS, is_label
 
 _EMPTY = frozenset({""})
 _EMPTY_OR_NAN = frozenset({"", "nan"})
@@ -90,9 +88,9 @@ _NUMBER_RULES = (
     NumberRule(
         column="value",
         quantity="dhr",
-        low=-0.05,
-        high=1.05,
-        allowed="-0.05 to 1.05",
+        low=DHR_RANGE[0],
+        high=DHR_RANGE[1],
+        allowed="{:g} to {:g}".format(*DHR_RANGE),
         remedy="A DHR is a fraction: divide by 100 if it is in per cent, else flag the row.",
     ),
     NumberRule(
@@ -140,8 +138,8 @@ _BRDF_ABOVE_ZERO = NumberRule(
     high=inf,
     above_low=True,
     allowed="> 0 sr^-1",
-    remedy="Give the instrument's noise floor (brdf_floor) so that the reading is treated as "
-    "censored, or flag the row.",
+    remedy="Give the instrument's noise floor (check: --brdf-floor; fit: brdf_floor in the "
+    "--config file) so that the reading is treated as censored, or flag the row.",
 )
 _BRDF_WITH_FLOOR = NumberRule(
     column="value",
@@ -160,11 +158,14 @@ def number_rules(*, brdf_floor: float) -> tuple[NumberRule, ...]:
 
 @dataclass(frozen=True)
 class Breach:
-    """Rows that break one rule, shape (n_rows,), and the words for a cell that does."""
+    """Rows that break one rule, shape (n_rows,), and the words for a cell that does.
+
+    ``explain`` gives two parts: the cell, and what is the same for every cell of its kind.
+    """
 
     column: str
     wrong: NDArray[np.bool_]
-    explain: Callable[[str], str]
+    explain: Callable[[str], tuple[str, str]]
     not_stated: frozenset[str] = frozenset()
 
 
@@ -177,7 +178,9 @@ def find_breaches(
     them is for the caller to see.
     """
     for name, empty_allowed in (("sample", False), ("scan", True)):
-        usable = np.array([_is_label(word, empty=empty_allowed) for word in words[name]])
+        usable = np.array(
+            [is_label(word) and (empty_allowed or word != "") for word in words[name]]
+        )
         yield Breach(name, rows.used & ~usable[getattr(rows, name)], _explain_label)
     yield Breach("quantity", rows.used & (rows.quantity < 0), _explain_word(QUANTITIES))
     yield Breach("polarization", rows.used & (rows.polarization < 0), _explain_word(POLARIZATIONS))
@@ -188,17 +191,6 @@ def find_breaches(
         yield Breach(rule.column, wrong, _explain_number(rule), rule.not_stated)
 
 
-def is_clean(rows: Rows, words: Mapping[str, Sequence[str]], rules: Iterable[NumberRule]) -> bool:
-    """Tell whether rows in which NaN always means an empty cell break no rule."""
-    for breach in find_breaches(rows, words, rules):
-        wrong = breach.wrong
-        if breach.not_stated:
-            wrong = wrong & ~np.isnan(getattr(rows, breach.column))
-        if np.any(wrong):
-            return False
-    return True
-
-
 def check_rows(
     rows: Rows,
     cells: Mapping[str, Sequence[str]],
@@ -206,71 +198,94 @@ def check_rows(
     *,
     rules: Iterable[NumberRule],
     problems: Problems,
+    nan_is_empty: bool = False,
 ) -> NDArray[np.bool_]:
-    """Add what is wrong with the rows to ``problems``; return which rows, shape (n_rows,)."""
+    """Add what is wrong with the rows to ``problems``; return which rows, shape (n_rows,).
+
+    ``nan_is_empty`` says that NaN stands for empty cells only, so that they need not be looked at.
+    """
     bad = np.zeros(len(rows), dtype=bool)
     for breach in find_breaches(rows, words, rules):
         if breach.column not in cells:
             continue
         column = cells[breach.column]
         index = np.flatnonzero(breach.wrong)
+        if breach.not_stated and nan_is_empty:
+            index = index[~np.isnan(getattr(rows, breach.column)[index])]
         if breach.not_stated:
             stated = [column[i].strip().lower() not in breach.not_stated for i in index.tolist()]
             index = index[np.array(stated, dtype=bool)]
         bad[index] = True
-        first = (
-            Problem(
-                line=int(rows.line[i]),
-                column=breach.column,
-                text=breach.explain(column[i]),
-                sample=words["sample"][rows.sample[i]],
-            )
-            for i in index[:N_LISTED].tolist()
-        )
-        problems.extend(first, n=index.size)
+        for problem in _by_kind(breach, rows, column, words["sample"], index):
+            problems.add(problem)
     return bad
 
 
-def _is_label(word: str, *, empty: bool) -> bool:
-    """Tell whether a name can be shown and used in a file name."""
-    return word.isprintable() and len(word) <= MAX_LABEL and (empty or word != "")
+def _by_kind(
+    breach: Breach, rows: Rows, column: Sequence[str], names: Sequence[str],
+    index: NDArray[np.int64],
+) -> Iterator[Problem]:  # fmt: skip
+    """One problem for each kind and sample among the rows ``index``."""
+    values = getattr(rows, breach.column)[index]
+    # Numbers out of range are all of one kind; what is no number, or no known word, is looked at.
+    is_number = np.isfinite(values) if values.dtype.kind == "f" else np.zeros(len(index), bool)
+    kinds: dict[str, NDArray[np.int64]] = {}
+    if np.any(is_number):
+        numbers = index[is_number]
+        kinds[breach.explain(column[numbers[0]])[1]] = numbers
+    looked_at: dict[str, list[int]] = {}
+    known: dict[str, str] = {}
+    for i in index[~is_number].tolist():
+        cell = column[i]
+        if cell not in known:
+            known[cell] = breach.explain(cell)[1]
+        looked_at.setdefault(known[cell], []).append(i)
+    kinds |= {kind: np.array(members) for kind, members in looked_at.items()}
+    for kind, members in kinds.items():
+        order = members[np.argsort(rows.sample[members], kind="stable")]
+        for own in np.split(order, np.flatnonzero(np.diff(rows.sample[order])) + 1):
+            lines = tuple(rows.line[own[:N_LINES]].tolist())
+            yield Problem(
+                line=lines[0], column=breach.column, text="".join(breach.explain(column[own[0]])),
+                sample=names[rows.sample[own[0]]], kind=kind, n=own.size, lines=lines,
+            )  # fmt: skip
 
 
-def _explain_label(cell: str) -> str:
+def _explain_label(cell: str) -> tuple[str, str]:
     """Say what is wrong with the name of a sample or of a scan."""
     if not cell.strip():
-        return "empty. Give the name of the paint sample."
+        return "", "empty. Give the name of the paint sample."
     allowed = f"up to {MAX_LABEL} printable characters"
-    return f"{show_cell(cell)} is not allowed (allowed: {allowed}). Shorten or correct it."
+    return show_cell(cell), f" is not allowed (allowed: {allowed}). Shorten or correct it."
 
 
-def _explain_word(known: Sequence[str]) -> Callable[[str], str]:
+def _explain_word(known: Sequence[str]) -> Callable[[str], tuple[str, str]]:
     """Say which words a column allows, and which one may be meant."""
 
-    def explain(cell: str) -> str:
+    def explain(cell: str) -> tuple[str, str]:
         word = cell.strip().lower()
         meant = _WORDS_MEANT.get(word, word)
         hint = did_you_mean(meant, known) or f" Write one of {', '.join(known)}."
-        seen = f"{show_cell(cell)} is not allowed" if word else "empty"
-        return f"{seen} (allowed: {', '.join(known)}; in lower case).{hint}"
+        cell, seen = (show_cell(cell), " is not allowed") if word else ("", "empty")
+        return cell, f"{seen} (allowed: {', '.join(known)}; in lower case).{hint}"
 
     return explain
 
 
-def _explain_number(rule: NumberRule) -> Callable[[str], str]:
+def _explain_number(rule: NumberRule) -> Callable[[str], tuple[str, str]]:
     """Say why a cell breaks a rule, what it allows and what to do."""
 
-    def explain(cell: str) -> str:
+    def explain(cell: str) -> tuple[str, str]:
         text, remedy = cell.strip(), rule.remedy
         if not isfinite(to_float(text)) and rule.column == "value":
             remedy = "Give the reading, or flag the row."
         if not text:
-            seen = "empty"
+            shown, seen = "", "empty"
         elif not isnan(to_float(text)) or text.lower().strip("+-") == "nan":
-            seen = f"{show_cell(text)[1:-1]} is not allowed"
+            shown, seen = show_cell(text)[1:-1], " is not allowed"
         else:
-            seen = f"{show_cell(text)} is not a number"
+            shown, seen = show_cell(text), " is not a number"
             remedy = "Write a decimal point, not a decimal comma." if "," in text else remedy
-        return f"{seen} (allowed: {rule.allowed}). {remedy}"
+        return shown, f"{seen} (allowed: {rule.allowed}). {remedy}"
 
     return explain

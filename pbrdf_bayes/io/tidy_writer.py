@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import secrets
@@ -123,11 +124,15 @@ def _cells(name: str, values: NDArray[Any]) -> list[str]:
 
 def _replace(path: Path, text: str) -> None:
     """Write a file beside ``path`` and move it there."""
-    part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
+    if not path.name or path.is_dir():
+        msg = f"{path}: is a folder. Give the name of a CSV file in it"
+        raise DataError(msg)
+    part = path.with_name(f".{secrets.token_hex(4)}.part")
     try:
         part.write_text(text, encoding="utf-8", newline="")
         part.replace(path)
     except OSError as error:
-        part.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
         msg = f"{path}: the file cannot be written ({error.strerror})"
         raise DataError(msg) from error

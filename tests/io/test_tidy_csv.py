@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from pbrdf_bayes.errors import ConfigError, DataError
 from pbrdf_bayes.io import tidy_csv
+from pbrdf_bayes.io.csv_table import without_quotes
 from pbrdf_bayes.io.tidy_columns import COLUMNS, REQUIRED, guard, unguard
 from pbrdf_bayes.io.tidy_csv import read_measurement, read_samples, write_tidy_csv
 from pbrdf_bayes.io.tidy_rows import new_codebooks, rows_from_cells, rows_from_plain
@@ -105,7 +106,10 @@ def test_accepted_without_a_warning(write, content):
     assert m.warnings == ()
 
 
-REMEDY = "noise floor (brdf_floor) so that the reading is treated as censored, or flag the row"
+REMEDY = (
+    "noise floor (check: --brdf-floor; fit: brdf_floor in the --config file) so that the reading is "
+    "treated as censored, or flag the row"
+)
 
 
 @pytest.mark.parametrize(
@@ -227,14 +231,54 @@ def test_missing_column(write, name):
         read_measurement(write(content))
 
 
-def test_all_problems_are_counted_and_the_first_twenty_listed(write):
+def test_problems_of_one_kind_are_one_line(write):
     bad = "green,3.39,brdf,q,200,x,-1"
     with pytest.raises(DataError, match=r"green\.csv: 200000 problems") as info:
         read_measurement(write(table(*[bad] * 50_000)))
     lines = str(info.value).splitlines()
+    assert len(lines) == 5
+    for line in lines[1:]:
+        assert line.startswith("  line 2, column ")
+        assert line.endswith("The same in lines 3, 4, 5, ... (50000 rows in all).")
+
+
+def test_a_rare_problem_is_seen_among_many_of_another_kind(write):
+    """Each kind with the value of its first row, whatever the other rows have."""
+    rows = [f"green,3.39,brdf,s,20,{i % 80},{-1 - i}" for i in range(500)]
+    rows[300] = "green,3.39,brdf,s,20,10,abc"
+    rows[400] = 'green,3.39,brdf,s,20,10,"0,5"'
+    rows[450] = "red,3.39,brdf,s,20,10,-7"
+    rows += ["green,3.39,brdf,s,95,10,1", "green,3.39,brdf,s,96,10,1"]
+    with pytest.raises(DataError, match="502 problems") as info:
+        read_measurement(write(table(*rows)), sample="green")
+    lines = str(info.value).splitlines()[1:]
+    assert [re.sub(r"(:) .*", "", line).strip() for line in lines] == [
+        "line 2, column value", "line 302, column value", "line 402, column value",
+        "line 502, column theta_i_deg",
+    ]  # fmt: skip
+    assert lines[0].startswith("  line 2, column value: -1 is not allowed")
+    assert lines[0].endswith("The same in lines 3, 4, 5, ... (498 rows in all).")
+    assert "'abc' is not a number" in lines[1]
+    assert "decimal comma" in lines[2]
+    assert lines[3].endswith("The same in line 503 (2 rows in all).")
+    red = read_samples(write(table(*rows))).errors["red"].splitlines()
+    assert len(red) == 2
+    assert red[1].startswith("  line 452, column value: -7 is not allowed")
+    assert "The same" not in red[1]
+
+
+def test_more_than_twenty_kinds_are_counted(write):
+    names = [f"{'x' * (201 + i)}" for i in range(3)]
+    rows = [f"{name},3.39,{w},s,20,10,1" for name in names for w in ("brfd", "dhrr")]
+    rows += [f"green,3.39,brdf,{word},20,10,1" for word in ("S", "P", "U", "TM", "x", "unpol")]
+    rows += ["green,3.39,brdf,s,95,200,-1,-1,0.5,400", "green,x,y,z,x,x,x,x,x,x", "green,,,,,,,,,"]
+    rows = [row + "," * (9 - row.count(",")) for row in rows]
+    header = HEADER + ",sigma,n_repeats,phi_r_deg"
+    with pytest.raises(DataError, match="problems") as info:
+        read_measurement(write(table(*rows, header=header)))
+    lines = str(info.value).splitlines()
     assert len(lines) == 22
-    assert lines[-1] == "  ... and 199980 more."
-    assert [line.split(",")[0].strip() for line in lines[1:6]] == ["line 2"] * 4 + ["line 3"]
+    assert re.fullmatch(r"  \.\.\. and \d+ more\.", lines[-1])
 
 
 def test_problems_of_every_kind_are_listed_in_the_order_of_the_file(write):
@@ -428,6 +472,17 @@ def test_optional_columns(write):
     assert [scan.label for scan in m.scans] == ["s 20 deg", "s 20 deg phi 90 deg a"]
     assert m.brdf.u_value.tolist() == [0.004, 0.002]
     assert m.brdf.repeated.tolist() == [False, True]
+
+
+def test_azimuth_180_is_the_other_half_of_the_plane(write):
+    """A file with positive angles only, and the same readings with signed ones."""
+    header = HEADER + ",phi_r_deg"
+    half = [f"g,3.39,brdf,s,20,{t},0.0{t},{phi}" for phi in (0, 180, -180, 360) for t in (10, 20)]
+    m = read_measurement(write(table(*half, header=header)))
+    assert [scan.label for scan in m.scans] == ["s 20 deg"]
+    assert m.brdf.theta_r_deg.tolist() == [-20, -20, -10, -10, 10, 10, 20, 20]
+    assert m.brdf.row.tolist() == [5, 7, 4, 6, 2, 8, 3, 9]
+    assert not m.brdf.phi_r_deg.any()
 
 
 # Writing
@@ -633,13 +688,57 @@ def test_what_is_not_plain_is_left_to_the_careful_way(content):
     assert rows_from_plain(content.encode(), REQUIRED, new_codebooks()) is None
 
 
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ('"a","b"\n"1",2\n', "a,b\n1,2\n"), ('"a"', "a"), ('a,""\r\n', "a,\r\n"), ("a,b\n", "a,b\n"),
+        ('"a,b",c', None), ('"a\nb",c', None), ('a"b"', None), ('"a"b', None), ('"a""b"', None),
+        ('"a', None), (' "a"', None), ('""""', None),
+    ],
+)  # fmt: skip
+def test_quotes_that_no_cell_needs_are_taken_away(text, wanted):
+    assert without_quotes(text.encode()).decode() == (text if wanted is None else wanted)
+
+
+@pytest.mark.parametrize("header", [HEADER, HEADER + ",sigma,n_repeats,phi_r_deg,scan,flag"])
+@pytest.mark.parametrize(
+    "cells",
+    [
+        {"value": "abc"}, {"value": ""}, {"theta_r_deg": ""}, {"theta_i_deg": "95"}, {"sigma": "x"},
+        {"sigma": "nan"}, {"phi_r_deg": "nan"}, {"n_repeats": "2.5"}, {"sample": ""}, {"quantity": "BRDF"},
+        {"value": "inf"}, {"theta_r_deg": "1_0"}, {"polarization": "\u00fc"}, {"flag": "bad", "value": "x"},
+        dict.fromkeys(COLUMNS, ""), {},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_a_problem_reads_the_same_in_a_plain_and_in_a_quoted_file(write, cells, header):
+    """A quoted cell with a comma sends the whole file the careful way."""
+    names = header.split(",")
+    good = dict(zip(REQUIRED, ROWS[0].split(","), strict=True)) | {"note": "n"}
+    rows = [good, good | cells, good | {"sample": "green"}]
+    plain = "\n".join(",".join(row.get(n, "") for n in [*names, "note"]) for row in rows)
+    answers = []
+    for note in ("n", '"n,n"'):
+        try:
+            m = read_measurement(
+                write(table(plain.replace(",n\n", f",{note}\n"), header=header + ",note"))
+            )
+            answers.append((m.brdf.value.tolist(), m.brdf.row.tolist(), m.excluded, m.warnings))
+        except DataError as error:
+            answers.append(str(error))
+    assert answers[0] == answers[1]
+
+
 # Size
 
 MEASURE = """
 import resource, sys, time
 from pbrdf_bayes.io.tidy_csv import read_measurement
 start = time.perf_counter()
-n = read_measurement(sys.argv[1]).n_obs
+try:
+    n = read_measurement(sys.argv[1]).n_obs
+except ValueError:
+    n = -1
 seconds = time.perf_counter() - start
 peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 print(n, seconds, time.process_time(), peak / (1e6 if sys.platform == "darwin" else 1e3))
@@ -648,8 +747,11 @@ print(n, seconds, time.process_time(), peak / (1e6 if sys.platform == "darwin" e
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="needs the resource module")
-@pytest.mark.parametrize("quotes", ["", '"'])
-def test_a_million_rows(tmp_path, capsys, quotes):
+@pytest.mark.parametrize(
+    ("quotes", "wrong"), [("", ""), ('"', ""), ("", "-"), ("", "x")],
+    ids=["plain", "quoted", "values below zero", "no numbers"],
+)  # fmt: skip
+def test_a_million_rows(tmp_path, capsys, quotes, wrong):
     n_rows = 1_000_000
     rng = np.random.default_rng(1)
     value = (10 ** rng.normal(-2, 0.5, n_rows)).tolist()
@@ -658,7 +760,7 @@ def test_a_million_rows(tmp_path, capsys, quotes):
     with file.open("w") as out:
         out.write(HEADER + ",sigma,scan,flag\n")
         out.writelines(
-            f"{quotes}green{quotes},3.39,brdf,{'sp'[i % 2]},{i % 5 * 20},{t},{x!r},{x / 50:.3g},"
+            f"{quotes}green{quotes},3.39,brdf,{'sp'[i % 2]},{i % 5 * 20},{t},{wrong if i % 3 == 0 else ''}{x!r},{x / 50:.3g},"
             f"run {i % 3},ok\n"
             for i, (t, x) in enumerate(zip(theta, value, strict=True))
         )
@@ -667,11 +769,8 @@ def test_a_million_rows(tmp_path, capsys, quotes):
     )
     n, seconds, cpu, megabytes = map(float, done.stdout.split())
     with capsys.disabled():
-        kind = "quoted" if quotes else "plain"
-        sys.stdout.write(
-            f"\n{kind}: read in {seconds:.1f} s ({cpu:.1f} s CPU), {megabytes:.0f} MB "
-        )
-    assert n == n_rows
+        sys.stdout.write(f"\nread in {seconds:.1f} s ({cpu:.1f} s CPU), {megabytes:.0f} MB ")
+    assert n == (-1 if wrong else n_rows)
     assert megabytes < 1000
 
 
