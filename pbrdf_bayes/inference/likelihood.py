@@ -512,7 +512,7 @@ def iid_gradient(
                 )  # fmt: skip
             total += value
             out[rows.noise_column[scan]] += slope
-            weight += add_scan_slopes(geometry, found, a, work.slopes, sums, work.residual)
+            weight += add_scan_slopes(geometry, found, a, work.slopes, sums)
         to_parameters(sums[0], sums[1], sums[2], surf, physical)
         out[0] += physical[0]
         out[1] += physical[1]

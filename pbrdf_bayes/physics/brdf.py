@@ -327,27 +327,33 @@ def row_slopes(geometry: Geometry, found: Buffers, i: int) -> tuple[float, float
     )
 
 
-@compiled()
+@compiled(inline=True)
 def at_rows(geometry: Geometry, values: Array, first: int, out: Array) -> Array:
     """Values (n_directions) at the rows from ``first`` on, as many as ``out`` has.
 
     Rows whose directions follow one upon the other are seen in place; others go into ``out``.
     """
     start = geometry.row_direction[first]
+    found = out
     if geometry.row_run[first] >= out.size:
-        return values[start : start + out.size]
-    index = geometry.row_direction[first : first + out.size]
-    for i in range(out.size):
-        out[i] = values[index[i]]
-    return out
+        found = values[start : start + out.size]
+    else:
+        index = geometry.row_direction[first : first + out.size]
+        for i in range(out.size):
+            out[i] = values[index[i]]
+    return found
 
 
 @compiled(reassociate=True)
-def _dot(weights: Array, values: Array) -> float:
-    total = 0.0
+def _dots(weights: Array, a: Array, b: Array, c: Array) -> tuple[float, float, float]:
+    sum_a = 0.0
+    sum_b = 0.0
+    sum_c = 0.0
     for i in range(weights.size):
-        total += weights[i] * values[i]
-    return total
+        sum_a += weights[i] * a[i]
+        sum_b += weights[i] * b[i]
+        sum_c += weights[i] * c[i]
+    return sum_a, sum_b, sum_c
 
 
 @compiled(reassociate=True)
@@ -361,24 +367,29 @@ def sum_of(values: Array) -> float:
 
 @compiled()
 def add_scan_slopes(
-    geometry: Geometry, found: Buffers, first: int, weights: Array, sums: Array, work: Array
+    geometry: Geometry, found: Buffers, first: int, weights: Array, sums: Array
 ) -> float:
     """Add sum of weight times slope of ln f over the rows of one scan to ``sums`` (3,).
 
-    ``first`` is the first row of the scan, ``work`` scratch. Returns the sum of the weights.
+    ``first`` is the first row of the scan. Returns the sum of the weights.
     """
-    q, inc = geometry.row_polarization[first], geometry.row_incidence[first]
+    q, inc, n = geometry.row_polarization[first], geometry.row_incidence[first], weights.size
     total = sum_of(weights)
-    if q == 2:
-        for i in range(weights.size):
+    if q == 2 or geometry.row_run[first] < n:
+        for i in range(n):
             re, im, width = row_slopes(geometry, found, first + i)
             sums[0] += weights[i] * re
             sums[1] += weights[i] * im
             sums[2] += weights[i] * width
         return total
-    for j in range(3):
-        sums[j] += total * found.scale_slopes[inc, q, j]
-        sums[j] += _dot(weights, at_rows(geometry, found.lobes[2 + 3 * q + j], first, work))
+    start, row, scale = geometry.row_direction[first], 2 + 3 * q, found.scale_slopes[inc, q]
+    re, im, width = _dots(
+        weights, found.lobes[row][start : start + n], found.lobes[row + 1][start : start + n],
+        found.lobes[row + 2][start : start + n],
+    )  # fmt: skip
+    sums[0] += re + total * scale[0]
+    sums[1] += im + total * scale[1]
+    sums[2] += width + total * scale[2]
     return total
 
 

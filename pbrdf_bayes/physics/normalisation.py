@@ -224,7 +224,7 @@ def _fill_series(n: int, n_series: int, surf: Surface, ws: Workspace) -> None:
         _scale_row(ws.lobes[j], ws.lobes[0 if j < 5 else 1], n)
 
 
-@compiled()
+@compiled(inline=True)
 def _scale_row(row: Array, factor: Array, n: int) -> None:
     for i in range(n):
         row[i] *= factor[i]
@@ -350,7 +350,7 @@ def place_nodes(inc: Incidence, surf: Surface, digits: float, ws: Workspace) -> 
     return n
 
 
-@compiled()
+@compiled(inline=True)
 def _sum_expansion(coefficients: Array, m: int, y: Array, b1: Array, b2: Array) -> None:
     """A Chebyshev series at all nodes by Clenshaw's recurrence, into ``b1``; m is even.
 
