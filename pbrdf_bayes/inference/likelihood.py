@@ -29,13 +29,16 @@ from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.physics.brdf import (
     Geometry,
     add_scan_slopes,
+    at_rows,
     buffers,
     dhr_gradient,
     fill_dhr,
     log_brdf,
+    sum_of,
     to_parameters,
 )
 from pbrdf_bayes.physics.compiled import compiled
+from pbrdf_bayes.physics.elementary import exp, log
 from pbrdf_bayes.physics.fresnel import surface
 from pbrdf_bayes.physics.normalisation import SLOPES, VALUES, workspace
 
@@ -145,23 +148,22 @@ def log_normal_cdf(z: float) -> float:
 
 
 @compiled(reassociate=True)
-def _moments(y: Array, log_f: Array, direction: Index, out: Array) -> tuple[float, float]:
-    """Residuals y - ln f of a scan into ``out``; their sum and sum of squares."""
+def _moments(y: Array, log_f: Array) -> tuple[float, float]:
+    """Sum and sum of squares of the residuals y - ln f of a scan."""
     total = 0.0
     squares = 0.0
     for i in range(y.size):
-        residual = y[i] - log_f[direction[i]]
-        out[i] = residual
+        residual = y[i] - log_f[i]
         total += residual
         squares += residual * residual
     return total, squares
 
 
 @compiled()
-def _weigh(residual: Array, gain: float, precision: float) -> None:
-    """Residuals to slopes of the log-likelihood by ln f."""
-    for i in range(residual.size):
-        residual[i] = (residual[i] - gain) * precision
+def _weigh(y: Array, log_f: Array, gain: float, precision: float, out: Array) -> None:
+    """Slopes of the log-likelihood by ln f."""
+    for i in range(y.size):
+        out[i] = (y[i] - log_f[i] - gain) * precision
 
 
 @compiled()
@@ -183,31 +185,106 @@ def _plain_scan(
     return value, gain, slope
 
 
+class Scratch(NamedTuple):
+    """Scratch of one evaluation, allocated once for many; one element a row."""
+
+    log_f: Array
+    slopes: Array
+    """Slopes of the log-likelihood by ln f."""
+    residual: Array
+    precision: Array
+    f2: Array
+    share: Array
+    """Of each node of the gain."""
+
+
 @compiled()
-def _floored(log_f: float, u2: float, s_rel: float, floor2: float) -> tuple[float, float, float]:
-    """Mean and variance of ln(reading) without the gain, and d mean / d ln f."""
-    f2 = np.exp(2.0 * max(log_f, -300.0))
-    with_floor = f2 + floor2
-    variance = s_rel * s_rel + u2 + floor2 / with_floor
-    return 0.5 * scalar_log(with_floor), variance, f2 / with_floor
+def _scratch(n_rows: int) -> Scratch:
+    rows = np.empty((5, n_rows))
+    return Scratch(rows[0], rows[1], rows[2], rows[3], rows[4], np.empty(_GAIN_NODES.size))
+
+
+@compiled()
+def _cut(work: Scratch, a: int, b: int) -> Scratch:
+    return Scratch(
+        work.log_f[a:b], work.slopes[a:b], work.residual[a:b], work.precision[a:b], work.f2[a:b],
+        work.share,
+    )  # fmt: skip
+
+
+@compiled()
+def _compare_with_floor(
+    y: Array, log_f: Array, u2: Array, censored: NDArray[np.bool_],
+    s2: float, floor2: float, work: Scratch,
+) -> None:  # fmt: skip
+    """Residuals y - 1/2 ln(f^2 + b^2), their precisions 1/v without the gain, and f^2.
+
+    The precision of a censored reading is zero.
+    """
+    residual, precision, f2 = work.residual, work.precision, work.f2
+    for i in range(y.size):
+        f2[i] = exp(2.0 * min(max(log_f[i], -300.0), 300.0))
+        with_floor = f2[i] + floor2
+        residual[i] = y[i] - 0.5 * log(with_floor)
+        found = with_floor / ((s2 + u2[i]) * with_floor + floor2)
+        precision[i] = 0.0 if censored[i] else found
+
+
+@compiled(reassociate=True)
+def _weighted_moments(residual: Array, precision: Array) -> tuple[float, float, float]:
+    """Sums of the weights, of the weighted residuals and of their squares."""
+    weights = 0.0
+    total = 0.0
+    chi2 = 0.0
+    for i in range(residual.size):
+        weighted = precision[i] * residual[i]
+        weights += precision[i]
+        total += weighted
+        chi2 += weighted * residual[i]
+    return weights, total, chi2
+
+
+@compiled()
+def _sum_of_logs(values: Array, work: Array) -> float:
+    """Sum of the logarithms of the values that are not zero, one logarithm for four of them."""
+    n = values.size // 4
+    v0, v1, v2, v3 = values[:n], values[n : 2 * n], values[2 * n : 3 * n], values[3 * n : 4 * n]
+    logs = work[:n]
+    for i in range(n):
+        left = (v0[i] if v0[i] > 0.0 else 1.0) * (v1[i] if v1[i] > 0.0 else 1.0)
+        right = (v2[i] if v2[i] > 0.0 else 1.0) * (v3[i] if v3[i] > 0.0 else 1.0)
+        logs[i] = log(left * right)
+    total = sum_of(logs)
+    for i in range(4 * n, values.size):
+        total += log(values[i] if values[i] > 0.0 else 1.0)
+    return total
+
+
+@compiled()
+def _variance(f2: float, u2: float, s_rel: float, floor2: float) -> tuple[float, float]:
+    """Variance of ln(reading) without the gain, and d mean / d ln f."""
+    above = f2 / (f2 + floor2)
+    return s_rel * s_rel + u2 + floor2 / (f2 + floor2), above
 
 
 @compiled()
 def _censored_nodes(
-    y: Array, log_f: Array, direction: Index, u2: Array, censored: NDArray[np.bool_],
-    s_rel: float, rows: Rows, gain: float, gain_sd: float, share: Array,
+    u2: Array, censored: NDArray[np.bool_], s_rel: float, rows: Rows,
+    gain: float, gain_sd: float, work: Scratch, share: Array,
 ) -> float:  # fmt: skip
     """Log-probability of all censored readings, the gain ~ N(gain, gain_sd^2) integrated out.
 
-    Gauss-Hermite quadrature; the posterior shares of its nodes go into ``share``.
+    Gauss-Hermite quadrature; the posterior shares of its nodes go into ``share``, of which there
+    is only one where the gain is known.
     """
     for k in range(share.size):
-        share[k] = _GAIN_LOG_WEIGHTS[k]
-        for i in range(y.size):
+        known = share.size == 1
+        node = gain if known else gain + gain_sd * _GAIN_NODES[k]
+        share[k] = 0.0 if known else _GAIN_LOG_WEIGHTS[k]
+        for i in range(u2.size):
             if censored[i]:
-                mean, v, _ = _floored(log_f[direction[i]], u2[i], s_rel, rows.floor2)
-                z = (y[i] - mean - gain - gain_sd * _GAIN_NODES[k]) / sqrt(v)
-                share[k] += log_normal_cdf(z)
+                v, _ = _variance(work.f2[i], u2[i], s_rel, rows.floor2)
+                share[k] += log_normal_cdf((work.residual[i] - node) / sqrt(v))
     largest = share.max()
     total = 0.0
     for k in range(share.size):
@@ -219,69 +296,79 @@ def _censored_nodes(
     return result
 
 
+@compiled(reassociate=True)
+def _observed_slopes(
+    censored: NDArray[np.bool_], floor2: float, gain: float, shrunk: float,
+    by_gain: float, by_spread: float, work: Scratch,
+) -> float:  # fmt: skip
+    """Slopes by ln f of the readings above the floor; returns the sum of those by the variance.
+
+    ``by_gain`` and ``by_spread`` are the slopes of the censored readings by the mean of the gain
+    and by half its variance.
+    """
+    residual, precision, f2, out = work.residual, work.precision, work.f2, work.slopes
+    total = 0.0
+    for i in range(residual.size):
+        above = f2[i] / (f2[i] + floor2)
+        away = (residual[i] - gain) * precision[i]
+        by_residual = by_gain * shrunk * precision[i] - away
+        by_v = 0.5 * (away * away - precision[i])
+        by_v += precision[i] * (
+            precision[i] * shrunk * (0.5 + 0.5 * by_spread) - by_gain * shrunk * away
+        )
+        total += by_v
+        slope = -above * (by_residual + 2.0 * by_v * (1.0 - above))
+        out[i] = out[i] if censored[i] else slope
+    return total
+
+
 @compiled()
 def _scan_with_floor(
-    y: Array, log_f: Array, direction: Index, u2: Array, censored: NDArray[np.bool_],
-    s_rel: float, rows: Rows, out: Array,
+    y: Array, log_f: Array, u2: Array, censored: NDArray[np.bool_],
+    s_rel: float, rows: Rows, n_series: int, work: Scratch,
 ) -> tuple[float, float]:  # fmt: skip
     """A scan with a floor, stated uncertainties or censored readings.
 
-    Returns the log-likelihood and its slope by s_rel; the slopes by ln f go into ``out``.
+    Returns the log-likelihood and, where ``n_series`` is SLOPES, its slope by s_rel; the slopes by
+    ln f then go into ``work.slopes``.
     """
-    total = 0.0
-    chi2 = 0.0
-    weights = 0.0
-    value = 0.0
-    any_censored = False
-    for i in range(y.size):
-        if censored[i]:
-            any_censored = True
-            continue
-        mean, v, _ = _floored(log_f[direction[i]], u2[i], s_rel, rows.floor2)
-        residual = y[i] - mean
-        weights += 1.0 / v
-        total += residual / v
-        chi2 += residual * residual / v
-        value -= 0.5 * (_LN_2PI + scalar_log(v))
+    _compare_with_floor(y, log_f, u2, censored, s_rel * s_rel, rows.floor2, work)
+    weights, total, chi2 = _weighted_moments(work.residual, work.precision)
+    n_censored = 0
+    for i in range(censored.size):
+        n_censored += censored[i]
     shrunk = rows.u_cal2 / (1.0 + rows.u_cal2 * weights)  # posterior variance of the gain
     gain = total * shrunk
     gain_sd = sqrt(shrunk)
+    value = -0.5 * ((y.size - n_censored) * _LN_2PI - _sum_of_logs(work.precision, work.slopes))
     value -= 0.5 * (chi2 - total * gain + np.log1p(rows.u_cal2 * weights))
-    share = np.zeros(_GAIN_NODES.size if any_censored else 0)
-    if any_censored:
-        value += _censored_nodes(
-            y, log_f, direction, u2, censored, s_rel, rows, gain, gain_sd, share
-        )
     by_gain = 0.0
     by_gain_sd = 0.0
-    slope_s = 0.0
-    for i in range(y.size):
-        if not censored[i]:
-            continue
-        mean, v, above = _floored(log_f[direction[i]], u2[i], s_rel, rows.floor2)
-        by_residual = 0.0
-        by_v = 0.0
-        for k in range(share.size):
-            z = (y[i] - mean - gain - gain_sd * _GAIN_NODES[k]) / sqrt(v)
-            hazard = share[k] * np.exp(-0.5 * z * z - 0.5 * _LN_2PI - log_normal_cdf(z))
-            by_residual += hazard / sqrt(v)
-            by_v -= 0.5 * hazard * z / v
-            by_gain_sd -= hazard * _GAIN_NODES[k] / sqrt(v)
-        by_gain -= by_residual
-        slope_s += 2.0 * s_rel * by_v
-        out[i] = -by_residual * above - 2.0 * by_v * above * (1.0 - above)
-    for i in range(y.size):
-        if censored[i]:
-            continue
-        mean, v, above = _floored(log_f[direction[i]], u2[i], s_rel, rows.floor2)
-        away = y[i] - mean - gain
-        by_residual = -away / v + by_gain * shrunk / v
-        by_v = 0.5 * ((away * away + shrunk) / (v * v) - 1.0 / v)
-        by_v -= by_gain * shrunk * away / (v * v)
-        by_v += 0.5 * by_gain_sd * shrunk * gain_sd / (v * v)
-        slope_s += 2.0 * s_rel * by_v
-        out[i] = -by_residual * above - 2.0 * by_v * above * (1.0 - above)
-    return value, slope_s
+    by_variance = 0.0
+    if n_censored:
+        share = work.share[: _GAIN_NODES.size if shrunk > 0.0 else 1]
+        value += _censored_nodes(u2, censored, s_rel, rows, gain, gain_sd, work, share)
+        for i in range(y.size):
+            if n_series != SLOPES or not censored[i]:
+                continue
+            v, above = _variance(work.f2[i], u2[i], s_rel, rows.floor2)
+            by_residual = 0.0
+            by_v = 0.0
+            for k in range(share.size):
+                node = _GAIN_NODES[k] if share.size > 1 else 0.0
+                z = (work.residual[i] - gain - gain_sd * node) / sqrt(v)
+                hazard = share[k] * np.exp(-0.5 * z * z - 0.5 * _LN_2PI - log_normal_cdf(z))
+                by_residual += hazard / sqrt(v)
+                by_v -= 0.5 * hazard * z / v
+                by_gain_sd -= hazard * node / sqrt(v)
+            by_gain -= by_residual
+            by_variance += by_v
+            work.slopes[i] = -by_residual * above - 2.0 * by_v * above * (1.0 - above)
+    if n_series == SLOPES:
+        by_variance += _observed_slopes(
+            censored, rows.floor2, gain, shrunk, by_gain, by_gain_sd * gain_sd, work
+        )
+    return value, 2.0 * s_rel * by_variance
 
 
 @compiled()
@@ -340,7 +427,7 @@ def iid_log_likelihood(geometry: Geometry, rows: Rows, parameters: Array, digits
     n_sets = parameters.shape[0]
     result = np.empty(n_sets)
     found = buffers(geometry.directions.shape[1], geometry.incidences.shape[0], VALUES)
-    work = np.empty(rows.y.size)
+    scratch = _scratch(rows.y.size)
     dhr = np.empty(rows.dhr.size)
     dhr_work = np.empty(rows.dhr.size)
     ws = workspace()
@@ -353,15 +440,15 @@ def iid_log_likelihood(geometry: Geometry, rows: Rows, parameters: Array, digits
         for scan in range(rows.noise_column.size):
             a, b = rows.scan_start[scan], rows.scan_start[scan + 1]
             s_rel = x[rows.noise_column[scan]]
-            log_f = found.log_f[geometry.row_polarization[a]]
-            direction = geometry.row_direction[a:b]
+            work = _cut(scratch, a, b)
+            log_f = at_rows(geometry, found.log_f[geometry.row_polarization[a]], a, work.log_f)
             if rows.plain[scan]:
-                s1, s2 = _moments(rows.y[a:b], log_f, direction, work[a:b])
+                s1, s2 = _moments(rows.y[a:b], log_f)
                 value, _, _ = _plain_scan(s1, s2, b - a, s_rel, rows.u_cal2)
             else:
                 value, _ = _scan_with_floor(
-                    rows.y[a:b], log_f, direction, rows.u2[a:b], rows.censored[a:b], s_rel, rows,
-                    work[a:b],
+                    rows.y[a:b], log_f, rows.u2[a:b], rows.censored[a:b], s_rel, rows, VALUES,
+                    work,
                 )  # fmt: skip
             total += value
         result[j] = total
@@ -387,10 +474,11 @@ def iid_gradient(
     result = np.empty(n_sets)
     slopes = np.zeros(parameters.shape)
     found = buffers(geometry.directions.shape[1], geometry.incidences.shape[0], SLOPES)
-    work = np.empty(rows.y.size)
+    scratch = _scratch(rows.y.size)
     dhr = np.empty(rows.dhr.size)
     dhr_work = np.empty(rows.dhr.size)
     physical = np.empty(4)
+    sums = np.empty(3)
     ws = workspace()
     for j in range(n_sets):
         x = parameters[j]
@@ -405,26 +493,26 @@ def iid_gradient(
             dhr_gradient(geometry, surf, i, physical)
             for p in range(4):
                 out[p] += dhr_work[i] * physical[p]
-        sums = np.zeros(3)
+        sums[:] = 0.0
         weight = 0.0
         for scan in range(rows.noise_column.size):
             a, b = rows.scan_start[scan], rows.scan_start[scan + 1]
             s_rel = x[rows.noise_column[scan]]
-            log_f = found.log_f[geometry.row_polarization[a]]
-            direction = geometry.row_direction[a:b]
+            work = _cut(scratch, a, b)
+            log_f = at_rows(geometry, found.log_f[geometry.row_polarization[a]], a, work.log_f)
             if rows.plain[scan]:
-                s1, s2 = _moments(rows.y[a:b], log_f, direction, work[a:b])
+                s1, s2 = _moments(rows.y[a:b], log_f)
                 value, gain, by_v = _plain_scan(s1, s2, b - a, s_rel, rows.u_cal2)
                 slope = 2.0 * s_rel * by_v
-                _weigh(work[a:b], gain, 1.0 / (s_rel * s_rel))
+                _weigh(rows.y[a:b], log_f, gain, 1.0 / (s_rel * s_rel), work.slopes)
             else:
                 value, slope = _scan_with_floor(
-                    rows.y[a:b], log_f, direction, rows.u2[a:b], rows.censored[a:b], s_rel, rows,
-                    work[a:b],
+                    rows.y[a:b], log_f, rows.u2[a:b], rows.censored[a:b], s_rel, rows, SLOPES,
+                    work,
                 )  # fmt: skip
             total += value
             out[rows.noise_column[scan]] += slope
-            weight += add_scan_slopes(geometry, found, a, work[a:b], sums)
+            weight += add_scan_slopes(geometry, found, a, work.slopes, sums)
         to_parameters(sums[0], sums[1], sums[2], surf, physical)
         out[0] += physical[0]
         out[1] += physical[1]

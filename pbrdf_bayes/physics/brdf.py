@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.directions import prepare_directions
-from pbrdf_bayes.physics.elementary import log
+from pbrdf_bayes.physics.elementary import exp, log
 from pbrdf_bayes.physics.fresnel import (
+    TINIEST,
     LobeSlopes,
     Surface,
     lobe_slopes,
@@ -35,7 +36,7 @@ from pbrdf_bayes.physics.normalisation import (
     Workspace,
     expand_cumulative,
     expansion_order,
-    fill_lobes,
+    fill_log_lobes,
     fill_slopes,
     integral_slopes,
     integrals,
@@ -47,6 +48,9 @@ Index = NDArray[np.int64]
 
 TINY = 1e-280
 LOG_TINY = -640.0
+"""What is below is zero."""
+LOWEST = -645.0
+LARGEST = 700.0
 
 
 class Geometry(NamedTuple):
@@ -63,12 +67,14 @@ class Geometry(NamedTuple):
     """(8, n_directions): the fields of `Directions`."""
     in_plane: NDArray[np.bool_]
     """Per angle of incidence: all its directions have beta = 0."""
-    wanted: NDArray[np.bool_]
-    """(n_incidence, 3): some row asks for s, p, u there."""
+    unpolarised: NDArray[np.bool_]
+    """Per angle of incidence: some row asks for u there."""
     row_direction: Index
     row_polarization: Index
     """0, 1, 2 for s, p, u."""
     row_incidence: Index
+    row_run: Index
+    """Rows from this one on, with it, whose directions follow one upon the other."""
     dhr_sine: Array
     dhr_cosine: Array
     dhr_polarization: Index
@@ -105,37 +111,58 @@ def prepare_geometry(
     Geometry
     """
     keys = np.stack([theta_i, theta_r, phi_r], axis=1).reshape(-1, 3)
-    distinct, row_direction = np.unique(keys, axis=0, return_inverse=True)
+    distinct, row_direction = _in_order_of_appearance(keys)
     angles, first = np.unique(distinct[:, 0], return_index=True)
     directions = prepare_directions(*distinct.T)
     start = np.append(first, len(distinct)).astype(np.int64)
     flat = directions.beta_offset == 0.0
     codes = polarization_codes(polarization)
     row_incidence = np.searchsorted(angles, theta_i)
-    wanted = np.zeros((len(angles), 3), dtype=bool)
-    wanted[row_incidence, codes] = True
+    unpolarised = np.zeros(len(angles), dtype=bool)
+    unpolarised[row_incidence[codes == 2]] = True
     return Geometry(
         incidences=np.stack([np.sin(angles), np.cos(angles), angles, 0.5 * np.pi - angles], axis=1),
         start=start,
         directions=np.stack(directions),
         in_plane=np.array([flat[a:b].all() for a, b in pairwise(start)]),
-        wanted=wanted,
-        row_direction=row_direction.ravel().astype(np.int64),
+        unpolarised=unpolarised,
+        row_direction=row_direction,
         row_polarization=codes,
         row_incidence=row_incidence.astype(np.int64),
+        row_run=_run_lengths(row_direction),
         dhr_sine=np.sin(dhr_theta_i),
         dhr_cosine=np.cos(dhr_theta_i),
         dhr_polarization=polarization_codes(dhr_polarization),
     )
 
 
+def _in_order_of_appearance(keys: Array) -> tuple[Array, Index]:
+    """Distinct keys by angle of incidence, then as the rows have them; the key of each row.
+
+    A scan then finds its directions side by side, whichever way it was measured.
+    """
+    distinct, first, row = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    order = np.lexsort((first, distinct[:, 0]))
+    place = np.empty(len(order), dtype=np.int64)
+    place[order] = np.arange(len(order))
+    return distinct[order], place[row.ravel()]
+
+
+def _run_lengths(row_direction: Index) -> Index:
+    """For each row the length of the run i, i + 1, i + 2, ... of directions that begins there."""
+    last = np.append(np.diff(row_direction) != 1, True)
+    ends = np.flatnonzero(last[: row_direction.size])
+    rows = np.arange(row_direction.size)
+    return np.asarray(ends[np.searchsorted(ends, rows)] - rows + 1, dtype=np.int64)
+
+
 class Buffers(NamedTuple):
     """Results of one parameter set at the distinct directions, allocated once for many.
 
-    ``log_f`` (3, n_directions) holds ln f of s, p and u where some row asks
-    for it. With slopes, the rows of ``lobes`` from the third on are d ln f_q/d (Re m^2, -Im m^2,
-    width) of the lobes alone, ``scale_slopes`` (n_incidence, 2, 3) that of the scales of s and p,
-    and ``share_s`` (n_directions) is the share of s in the mean of s and p.
+    ``log_f`` (3, n_directions) holds ln f of s and p, and that of u where some row asks for it:
+    there ``share_s`` (n_directions) is the share of s in the mean of s and p. With slopes, the
+    rows of ``lobes`` from the third on are d ln f_q/d (Re m^2, -Im m^2, width) of the lobes alone,
+    and ``scale_slopes`` (n_incidence, 2, 3) that of the scales of s and p.
     """
 
     lobes: Array
@@ -148,47 +175,62 @@ class Buffers(NamedTuple):
 
 @compiled()
 def buffers(n_directions: int, n_incidence: int, n_series: int) -> Buffers:
-    """Allocate the buffers; those for slopes are empty where none are asked for."""
-    some = n_directions if n_series == SLOPES else 0
+    """Allocate the buffers."""
+    n_rows = max(n_series, 4)
     return Buffers(
-        np.empty((n_series, n_directions)),
-        np.empty((n_series, n_directions)),
+        np.empty((n_rows, n_directions)),
+        np.empty((n_rows, n_directions)),
         np.empty((3, n_directions)),
-        np.empty(some),
+        np.empty(n_directions),
         np.empty((n_incidence, 2, 3)),
         np.empty(6),
     )
 
 
 @compiled()
-def _log_scaled(scale: float, lobe: Array, out: Array) -> None:
-    for i in range(out.size):
-        out[i] = log(max(scale * lobe[i], TINY))
+def _log_or_less(x: float) -> float:
+    """Ln x, and for zero less than anything that a lobe could lift above `LOG_TINY`."""
+    return np.log(x) if x > TINY else 2.0 * LOG_TINY
 
 
 @compiled()
-def _log_mean(scale_s: float, scale_p: float, lobe_s: Array, lobe_p: Array, out: Array) -> None:
+def _add_logs(log_scale: float, log_lobe: Array, out: Array) -> None:
     for i in range(out.size):
-        out[i] = log(max(0.5 * (scale_s * lobe_s[i] + scale_p * lobe_p[i]), TINY))
+        out[i] = max(log_scale + log_lobe[i], LOWEST)
 
 
 @compiled()
-def _share(scale_s: float, scale_p: float, lobe_s: Array, lobe_p: Array, out: Array) -> None:
+def _log_mean(log_s: Array, log_p: Array, share_s: Array, out: Array) -> None:
+    """Ln of the mean of s and p, and the share that s has in it."""
     for i in range(out.size):
-        part_s = scale_s * lobe_s[i]
-        out[i] = part_s / max(part_s + scale_p * lobe_p[i], TINY)
+        p_to_s = exp(min(max(log_p[i] - log_s[i], -LARGEST), LARGEST))
+        share_s[i] = 1.0 / (1.0 + p_to_s)
+        out[i] = log_s[i] + log(0.5 + 0.5 * p_to_s)
 
 
 @compiled()
-def _multiply_across(n_series: int, a: int, b: int, lobe: Array, across: Array) -> None:
-    """Out of plane: A_s B_p and A_p B_s, and the sums of their logarithmic slopes."""
-    for i in range(a, b):
-        lobe[0, i] *= across[1, i]
-        lobe[1, i] *= across[0, i]
-    for j in range(2, n_series):
-        other = j + 3 if j < 5 else j - 3
-        for i in range(a, b):
-            lobe[j, i] += across[other, i]
+def _fill_logs(
+    geometry: Geometry, first: int, a: int, b: int, surf: Surface, n_series: int, out: Array
+) -> None:
+    """Logarithms of the lobes of s and p and, if asked for, their slopes."""
+    if n_series == SLOPES:
+        fill_slopes(geometry.directions, first, a, b, surf, out)
+        for q in range(2):
+            row = out[q][a:b]
+            for i in range(row.size):
+                row[i] = log(max(row[i], TINIEST))
+    else:
+        fill_log_lobes(geometry.directions, first, a, b, surf, out)
+
+
+@compiled()
+def _add_across(n_series: int, a: int, b: int, lobes: Array, across: Array) -> None:
+    """Out of plane: A_s B_p and A_p B_s, as sums of logarithms and of their slopes."""
+    for j in range(n_series):
+        other = 1 - j if j < 2 else j + 3 if j < 5 else j - 3
+        row, added = lobes[j][a:b], across[other][a:b]
+        for i in range(row.size):
+            row[i] += added[i]
 
 
 @compiled()
@@ -206,37 +248,28 @@ def log_brdf(
         row = geometry.incidences[j]
         inc = Incidence(row[0], row[1], row[2], row[3])
         norm_s, norm_p, n_nodes = integrals(inc, surf, digits, m, n_series, ws)
+        if n_series == SLOPES:
+            _scale_slopes(
+                inc, surf, n_nodes, norm_s, norm_p, ws, out.norm_slopes, out.scale_slopes[j]
+            )
         f_s, f_p = reflectances(inc.sine, inc.cosine, surf)
         scale_s = surf.sigma_n0 * f_s / norm_s
         scale_p = surf.sigma_n0 * f_p / norm_p
         a, b = geometry.start[j], geometry.start[j + 1]
-        if n_series == SLOPES:
-            fill_slopes(geometry.directions, 0, a, b, surf, out.lobes)
-            _scale_slopes(
-                inc, surf, n_nodes, norm_s, norm_p, ws, out.norm_slopes, out.scale_slopes[j]
-            )
-        else:
-            fill_lobes(geometry.directions, 0, a, b, surf, out.lobes)
+        _fill_logs(geometry, 0, a, b, surf, n_series, out.lobes)
         if geometry.in_plane[j]:
             scale_s *= peak.p
             scale_p *= peak.s
             if n_series == SLOPES:
                 _add_peak(peak, out.scale_slopes[j])
         else:
-            if n_series == SLOPES:
-                fill_slopes(geometry.directions, 4, a, b, surf, out.across)
-            else:
-                fill_lobes(geometry.directions, 4, a, b, surf, out.across)
-            _multiply_across(n_series, a, b, out.lobes, out.across)
-        lobe_s, lobe_p = out.lobes[0][a:b], out.lobes[1][a:b]
-        if geometry.wanted[j, 0]:
-            _log_scaled(scale_s, lobe_s, out.log_f[0][a:b])
-        if geometry.wanted[j, 1]:
-            _log_scaled(scale_p, lobe_p, out.log_f[1][a:b])
-        if geometry.wanted[j, 2]:
-            _log_mean(scale_s, scale_p, lobe_s, lobe_p, out.log_f[2][a:b])
-        if n_series == SLOPES:
-            _share(scale_s, scale_p, lobe_s, lobe_p, out.share_s[a:b])
+            _fill_logs(geometry, 4, a, b, surf, n_series, out.across)
+            _add_across(n_series, a, b, out.lobes, out.across)
+        log_s, log_p = out.log_f[0][a:b], out.log_f[1][a:b]
+        _add_logs(_log_or_less(scale_s), out.lobes[0][a:b], log_s)
+        _add_logs(_log_or_less(scale_p), out.lobes[1][a:b], log_p)
+        if geometry.unpolarised[j]:
+            _log_mean(log_s, log_p, out.share_s[a:b], out.log_f[2][a:b])
 
 
 @compiled()
@@ -294,11 +327,41 @@ def row_slopes(geometry: Geometry, found: Buffers, i: int) -> tuple[float, float
     )
 
 
+@compiled(inline=True)
+def at_rows(geometry: Geometry, values: Array, first: int, out: Array) -> Array:
+    """Values (n_directions) at the rows from ``first`` on, as many as ``out`` has.
+
+    Rows whose directions follow one upon the other are seen in place; others go into ``out``.
+    """
+    start = geometry.row_direction[first]
+    found = out
+    if geometry.row_run[first] >= out.size:
+        found = values[start : start + out.size]
+    else:
+        index = geometry.row_direction[first : first + out.size]
+        for i in range(out.size):
+            out[i] = values[index[i]]
+    return found
+
+
 @compiled(reassociate=True)
-def _gathered_dot(weights: Array, values: Array, index: Index) -> float:
-    total = 0.0
+def _dots(weights: Array, a: Array, b: Array, c: Array) -> tuple[float, float, float]:
+    sum_a = 0.0
+    sum_b = 0.0
+    sum_c = 0.0
     for i in range(weights.size):
-        total += weights[i] * values[index[i]]
+        sum_a += weights[i] * a[i]
+        sum_b += weights[i] * b[i]
+        sum_c += weights[i] * c[i]
+    return sum_a, sum_b, sum_c
+
+
+@compiled(reassociate=True)
+def sum_of(values: Array) -> float:
+    """Sum of all values."""
+    total = 0.0
+    for i in range(values.size):
+        total += values[i]
     return total
 
 
@@ -310,21 +373,23 @@ def add_scan_slopes(
 
     ``first`` is the first row of the scan. Returns the sum of the weights.
     """
-    q, inc = geometry.row_polarization[first], geometry.row_incidence[first]
-    index = geometry.row_direction[first : first + weights.size]
-    total = 0.0
-    for i in range(weights.size):
-        total += weights[i]
-    if q == 2:
-        for i in range(weights.size):
+    q, inc, n = geometry.row_polarization[first], geometry.row_incidence[first], weights.size
+    total = sum_of(weights)
+    if q == 2 or geometry.row_run[first] < n:
+        for i in range(n):
             re, im, width = row_slopes(geometry, found, first + i)
             sums[0] += weights[i] * re
             sums[1] += weights[i] * im
             sums[2] += weights[i] * width
         return total
-    for j in range(3):
-        sums[j] += total * found.scale_slopes[inc, q, j]
-        sums[j] += _gathered_dot(weights, found.lobes[2 + 3 * q + j], index)
+    start, row, scale = geometry.row_direction[first], 2 + 3 * q, found.scale_slopes[inc, q]
+    re, im, width = _dots(
+        weights, found.lobes[row][start : start + n], found.lobes[row + 1][start : start + n],
+        found.lobes[row + 2][start : start + n],
+    )  # fmt: skip
+    sums[0] += re + total * scale[0]
+    sums[1] += im + total * scale[1]
+    sums[2] += width + total * scale[2]
     return total
 
 

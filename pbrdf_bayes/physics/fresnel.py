@@ -3,7 +3,8 @@
 With m = n - ik the index, x the sine and c the cosine of the angle, c_t = sqrt(m^2 - x^2)
 (Re >= 0, Im <= 0) and
 
-    D = |c + c_t|^2,   E = |c c_t + x^2|^2,   G = |c c_t - x^2|^2,
+    D = |c + c_t|^2 = c^2 + 2 c Re(c_t) + |c_t|^2,
+    E = |c c_t + x^2|^2,   G = |c c_t - x^2|^2,   E G = |m^2 c^2 - x^2|^2,
 
 the reflectances and one minus them are products, never differences:
 
@@ -20,6 +21,9 @@ from math import sqrt
 from typing import NamedTuple
 
 from pbrdf_bayes.physics.compiled import compiled
+
+TINIEST = 1e-307
+"""Added to what may vanish before it is divided by or its logarithm taken."""
 
 
 class Surface(NamedTuple):
@@ -105,21 +109,53 @@ def transmittances(x: float, c: float, surf: Surface) -> tuple[float, float]:
     return t_s, t_s * (t.modulus + x * x) / t.e
 
 
+class LobeFractions(NamedTuple):
+    """Lobes of s and p as numerators and denominators, free of divisions."""
+
+    above_s: float
+    below_s: float
+    above_p: float
+    below_p: float
+
+
 @compiled(inline=True)
-def lobes(x: float, c: float, offset: float, h: float, surf: Surface) -> tuple[float, float]:
+def lobe_fractions(
+    x: float, c: float, offset: float, h: float, surf: Surface, dense: bool
+) -> LobeFractions:
     """Lorentzian lobes of Eq. (3) for s and p: F_q(x) / [offset^2 + h rho_q(x)^2].
 
     Serves A_q (``x = (alpha + alpha_i)/2``, ``offset = alpha - alpha_i``) and B_q
-    (``x = beta/2``, ``offset = beta``) alike; written over common denominators, one division each.
+    (``x = beta/2``, ``offset = beta``) alike, over common denominators. All sums but the one in
+    E G = |m^2 c^2 - x^2|^2 are of positive terms. ``dense`` says that Re(m^2) >= 1, so that
+    Re(c_t^2) is positive at every angle and its root needs no division.
     """
-    t = fresnel_terms(x, c, surf)
-    d2 = t.d * t.d
-    offset2 = offset * offset
-    rho_s = surf.width * c * t.re  # times 1/D
-    rho_p = rho_s * (t.modulus + x * x)  # times 1/(D E)
-    lobe_s = surf.contrast / (offset2 * d2 + h * rho_s * rho_s)
-    lobe_p = surf.contrast * t.g * t.e / (offset2 * d2 * t.e * t.e + h * rho_p * rho_p)
-    return lobe_s, lobe_p
+    x2 = x * x
+    c2 = c * c
+    a = surf.m2_re - x2
+    modulus = sqrt(a * a + surf.m2_im * surf.m2_im)
+    larger = sqrt(0.5 * (modulus + abs(a)))
+    c_re = c * (larger if dense or a >= 0.0 else 0.5 * surf.m2_im / larger)
+    d = c2 + 2.0 * c_re + modulus
+    e = c2 * modulus + x2 * (2.0 * c_re + x2)
+    eg_re = surf.m2_re * c2 - x2
+    eg_im = surf.m2_im * c2
+    offset_d = offset * d
+    offset_de = offset_d * e
+    rho_s = surf.width * c_re  # times 1/D
+    rho_p = rho_s * (modulus + x2)  # times 1/(D E)
+    return LobeFractions(
+        surf.contrast,
+        offset_d * offset_d + h * rho_s * rho_s,
+        surf.contrast * (eg_re * eg_re + eg_im * eg_im),
+        offset_de * offset_de + h * rho_p * rho_p,
+    )
+
+
+@compiled(inline=True)
+def lobes(x: float, c: float, offset: float, h: float, surf: Surface) -> tuple[float, float]:
+    """The lobes themselves."""
+    t = lobe_fractions(x, c, offset, h, surf, dense=False)
+    return t.above_s / t.below_s, t.above_p / t.below_p
 
 
 class LobeSlopes(NamedTuple):
@@ -141,44 +177,60 @@ class LobeSlopes(NamedTuple):
 
 @compiled(inline=True)
 def lobe_slopes(x: float, c: float, offset: float, h: float, surf: Surface) -> LobeSlopes:
-    """`lobes` and their logarithmic derivatives, from d c_t / d m^2 = 1 / (2 c_t)."""
+    """`lobes` and their logarithmic derivatives, from d c_t / d m^2 = 1 / (2 c_t).
+
+    With c_t^2 = a - i Im: d ln D = (c Re(c_t) + a, c Im(c_t) + Im) / (|c_t|^2 D) and so on; one
+    division serves all of them.
+    """
     t = fresnel_terms(x, c, surf)
     x2 = x * x
-    d2 = t.d * t.d
-    offset2 = offset * offset
+    c2 = c * c
+    a = surf.m2_re - x2
+    c_re = c * t.re
+    c_im = c * t.im
     excess = t.modulus + x2
-    rho_s = surf.width * c * t.re
+    offset_d = offset * t.d
+    offset_de = offset_d * t.e
+    rho_s = surf.width * c_re
     rho_p = rho_s * excess
     inner_s = h * rho_s * rho_s
     inner_p = h * rho_p * rho_p
-    whole_s = 1.0 / (offset2 * d2 + inner_s)
-    whole_p = 1.0 / (offset2 * d2 * t.e * t.e + inner_p)
+    below_s = offset_d * offset_d + inner_s
+    below_p = offset_de * offset_de + inner_p
+    per_below = 1.0 / (below_s * below_p)
+    whole_s = per_below * below_p
+    whole_p = per_below * below_s
     share_s = inner_s * whole_s
     share_p = inner_p * whole_p
-    per_modulus = 1.0 / t.modulus
-    d_re = ((c + t.re) * t.re - t.im * t.im) * per_modulus / t.d
-    d_im = t.im * (c + 2.0 * t.re) * per_modulus / t.d
-    c_re = c * t.re
-    c_im2 = c * c * t.im * t.im
-    e_re = ((c_re + x2) * c_re - c_im2) * per_modulus / t.e
-    e_im = c * t.im * (2.0 * c_re + x2) * per_modulus / t.e
-    g = t.g + 1e-290
-    g_re = ((c_re - x2) * c_re - c_im2) * per_modulus / g
-    g_im = c * t.im * (2.0 * c_re - x2) * per_modulus / g
+    common = 1.0 / (t.modulus * t.d * t.e * excess * t.re)
+    per_re = common * t.d * t.e * excess  # 1 / (|c_t|^2 Re(c_t))
+    per_modulus = per_re * t.re
+    common_re = common * t.re
+    per_d = common_re * t.e * excess  # 1 / (|c_t|^2 D)
+    per_e = common_re * t.d * excess
+    per_excess = common_re * t.d * t.e
+    d_re = (c_re + a) * per_d
+    d_im = (c_im + surf.m2_im) * per_d
+    e_re = c * (c * a + x2 * t.re) * per_e
+    e_im = c * (c * surf.m2_im + x2 * t.im) * per_e
+    eg_re = surf.m2_re * c2 - x2
+    eg_im = surf.m2_im * c2
+    eg = eg_re * eg_re + eg_im * eg_im
+    per_eg = 2.0 * c2 / (eg + TINIEST)
     root_re = 0.5 * per_modulus
-    root_im = 0.5 * per_modulus * t.im / t.re
-    excess_re = (surf.m2_re - x2) * per_modulus / excess
-    excess_im = surf.m2_im * per_modulus / excess
+    root_im = 0.5 * t.im * per_re
+    excess_re = a * per_excess
+    excess_im = surf.m2_im * per_excess
     per_width = -2.0 / surf.width
     return LobeSlopes(
         surf.contrast * whole_s,
-        surf.contrast * t.g * t.e * whole_p,
+        surf.contrast * eg * whole_p,
         -2.0 * ((1.0 - share_s) * d_re + share_s * root_re),
         -2.0 * ((1.0 - share_s) * d_im + share_s * root_im),
         per_width * share_s,
-        g_re + e_re
+        eg_re * per_eg
         - 2.0 * ((1.0 - share_p) * (d_re + e_re) + share_p * (root_re + excess_re)),
-        g_im + e_im
+        eg_im * per_eg
         - 2.0 * ((1.0 - share_p) * (d_im + e_im) + share_p * (root_im + excess_im)),
         per_width * share_p,
     )  # fmt: skip

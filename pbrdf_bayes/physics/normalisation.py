@@ -34,8 +34,15 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from pbrdf_bayes.physics.compiled import compiled
-from pbrdf_bayes.physics.elementary import exp, half_sincos, log
-from pbrdf_bayes.physics.fresnel import Surface, lobe_slopes, lobes, transmittances
+from pbrdf_bayes.physics.elementary import exp, half_sincos, log, log_ratio
+from pbrdf_bayes.physics.fresnel import (
+    TINIEST,
+    Surface,
+    lobe_fractions,
+    lobe_slopes,
+    lobes,
+    transmittances,
+)
 
 Array = NDArray[np.float64]
 
@@ -43,6 +50,8 @@ MAX_ORDER = 96
 """Largest Gauss rule and Chebyshev degree tabulated."""
 _ORDER_STEP = 4
 MAX_NODES = 2048
+LANES = 4
+"""Nodes come in multiples of this, so that no loop over them has a remainder done one by one."""
 PANEL_LENGTH = 2.2
 POLE_DISTANCE = 1.2
 POLE_DISTANCE_METAL = 0.9
@@ -98,8 +107,8 @@ class Workspace(NamedTuple):
     """(SLOPES, MAX_NODES): the series at the nodes."""
     coefficients: Array
     """(SLOPES, MAX_ORDER): Chebyshev coefficients of C/u for the series of B."""
-    basis: Array
-    """Chebyshev polynomials at the nodes, (order, n_nodes) in a flat array."""
+    recurrence: Array
+    """(2, MAX_NODES): scratch of the sums of Chebyshev polynomials."""
     sums: Array
     """(SLOPES, MAX_NODES): C/u at the nodes."""
 
@@ -111,7 +120,7 @@ def workspace() -> Workspace:
         np.empty((6, MAX_NODES)),
         np.empty((SLOPES, MAX_NODES)),
         np.empty((SLOPES, MAX_ORDER)),
-        np.empty(MAX_ORDER * MAX_NODES),
+        np.empty((2, MAX_NODES)),
         np.empty((SLOPES, MAX_NODES)),
     )
 
@@ -167,6 +176,29 @@ def fill_lobes(geometry: Array, first: int, a: int, b: int, surf: Surface, out: 
 
 
 @compiled()
+def fill_log_lobes(geometry: Array, first: int, a: int, b: int, surf: Surface, out: Array) -> None:
+    """Logarithms of the lobes, arguments as for `fill_lobes`; -700 or less for a zero.
+
+    ``out`` has four rows. Three loops take less time than one, which would run out of registers.
+    """
+    x, c = geometry[first][a:b], geometry[first + 1][a:b]
+    offset, h = geometry[first + 2][a:b], geometry[first + 3][a:b]
+    log_s, log_p, below_s, below_p = out[0][a:b], out[1][a:b], out[2][a:b], out[3][a:b]
+    if surf.m2_re >= 1.0:
+        for i in range(x.size):
+            t = lobe_fractions(x[i], c[i], offset[i], h[i], surf, True)
+            below_s[i], log_p[i], below_p[i] = t.below_s, t.above_p, t.below_p
+    else:
+        for i in range(x.size):
+            t = lobe_fractions(x[i], c[i], offset[i], h[i], surf, False)
+            below_s[i], log_p[i], below_p[i] = t.below_s, t.above_p, t.below_p
+    for i in range(x.size):
+        log_s[i] = log_ratio(surf.contrast, below_s[i])
+    for i in range(x.size):
+        log_p[i] = log_ratio(max(log_p[i], TINIEST), below_p[i])
+
+
+@compiled()
 def fill_slopes(geometry: Array, first: int, a: int, b: int, surf: Surface, out: Array) -> None:
     """The eight fields of `LobeSlopes`, arguments as for `fill_lobes`."""
     x, c = geometry[first][a:b], geometry[first + 1][a:b]
@@ -192,35 +224,38 @@ def _fill_series(n: int, n_series: int, surf: Surface, ws: Workspace) -> None:
         _scale_row(ws.lobes[j], ws.lobes[0 if j < 5 else 1], n)
 
 
-@compiled()
+@compiled(inline=True)
 def _scale_row(row: Array, factor: Array, n: int) -> None:
     for i in range(n):
         row[i] *= factor[i]
 
 
 @compiled()
-def expand_cumulative(surf: Surface, m: int, n_series: int, ws: Workspace) -> None:
-    """Chebyshev coefficients of C/u in u/length on [0, 1], for every series of B.
-
-    beta = sin s, s = rho0 sinh u, u from 0 to length = asinh(pi / (2 rho0)).
-    """
-    length = asinh(0.5 * pi / surf.rho0)
-    first = _ORDER_STEP * (m // _ORDER_STEP - 1) * (m // _ORDER_STEP) // 2
-    nodes = ws.nodes
-    for i in range(m):
-        e = exp(length * _POINTS[first + i])
-        s = 0.5 * surf.rho0 * (e - 1.0 / e)
-        jacobian = 0.5 * surf.rho0 * (e + 1.0 / e)
-        sine_half, cosine_half = half_sincos(min(s, 0.5 * pi))
+def _place_cumulative_nodes(length: float, first: int, m: int, rho0: float, ws: Workspace) -> None:
+    """Geometry and weights of the nodes beta = sin s, s = rho0 sinh u, u from 0 to ``length``."""
+    x_row, c_row, offset_row = ws.nodes[0][:m], ws.nodes[1][:m], ws.nodes[2][:m]
+    h_row, weight_row, point = ws.nodes[3][:m], ws.nodes[4][:m], _POINTS[first : first + m]
+    half_rho0 = 0.5 * rho0
+    for i in range(x_row.size):
+        e = exp(length * point[i])
+        inverse = 1.0 / e
+        sine_half, cosine_half = half_sincos(min(half_rho0 * (e - inverse), 0.5 * pi))
         beta = 2.0 * sine_half * cosine_half
         cos_s = max((cosine_half - sine_half) * (cosine_half + sine_half), 0.0)
         x = 0.5 * beta
         cosine_half2 = cosine_half * cosine_half
-        nodes[0, i] = x
-        nodes[1, i] = sqrt((1.0 - x) * (1.0 + x))
-        nodes[2, i] = beta
-        nodes[3, i] = cosine_half2 * cosine_half2
-        nodes[4, i] = 2.0 * length * jacobian * cos_s
+        x_row[i] = x
+        c_row[i] = sqrt((1.0 - x) * (1.0 + x))
+        offset_row[i] = beta
+        h_row[i] = cosine_half2 * cosine_half2
+        weight_row[i] = 2.0 * length * half_rho0 * (e + inverse) * cos_s
+
+
+@compiled()
+def expand_cumulative(surf: Surface, m: int, n_series: int, ws: Workspace) -> None:
+    """Chebyshev coefficients of C/u in u/length on [0, 1], for every series of B."""
+    first = _ORDER_STEP * (m // _ORDER_STEP - 1) * (m // _ORDER_STEP) // 2
+    _place_cumulative_nodes(asinh(0.5 * pi / surf.rho0), first, m, surf.rho0, ws)
     _fill_series(m, n_series, surf, ws)
     _antiderivatives(m, n_series, ws)
 
@@ -239,136 +274,111 @@ def _antiderivatives(m: int, n_series: int, ws: Workspace) -> None:
             ws.coefficients[q, j] = total
 
 
-@compiled()
-def _place_peak_nodes(
-    inc: Incidence, width: float, n_backward: int, a: int, b: int,
-    surf: Surface, scale_u: float, ws: Workspace,
-) -> None:  # fmt: skip
-    """Geometry of the nodes a..b around the peak: t = theta_i +- width sinh v.
-
-    Comes with v in row 5 and the step of v times the Gauss weight in row 4; the first
-    ``n_backward`` nodes are on the backward side.
-    """
-    x_row, c_row, offset_row = ws.nodes[0][a:b], ws.nodes[1][a:b], ws.nodes[2][a:b]
-    h_row, weight_row, u_row = ws.nodes[3][a:b], ws.nodes[4][a:b], ws.nodes[5][a:b]
-    inverse_rho0 = 1.0 / surf.rho0
-    short_i = inc.cosine * inc.cosine / (1.0 + inc.sine)
-    half_width = 0.5 * width
-    for i in range(x_row.size):
-        e = exp(u_row[i])
-        sign = -1.0 if i < n_backward else 1.0
-        inverse = 1.0 / e
-        delta = sign * half_width * (e - inverse)
-        sh, ch = half_sincos(delta)
-        cos_delta = 1.0 - 2.0 * sh * sh
-        sin_delta = 2.0 * sh * ch
-        cos_t = inc.cosine * cos_delta - inc.sine * sin_delta
-        sin_t = inc.sine * cos_delta + inc.cosine * sin_delta
-        x = 0.5 * (inc.sine + sin_t)
-        short = cos_t * cos_t / (1.0 + sin_t) if sin_t > 0.0 else 1.0 - sin_t
-        x_row[i] = x
-        c_row[i] = sqrt(0.5 * (short + short_i) * (1.0 + x))
-        offset_row[i] = 2.0 * sh * (inc.cosine * ch - inc.sine * sh)
-        h_row[i] = 0.25 * (inc.cosine + cos_t) * (inc.cosine + cos_t)
-        weight_row[i] *= half_width * (e + inverse) * cos_t
-        above = inc.grazing - delta
-        below = inc.grazing + 2.0 * inc.theta + delta
-        distance = (min(below, above)) * inverse_rho0
-        u_row[i] = scale_u * log(distance + sqrt(distance * distance + 1.0))
-
-
-@compiled()
-def _place_edge_nodes(
-    inc: Incidence, n_backward: int, a: int, b: int, surf: Surface, scale_u: float, ws: Workspace
-) -> None:
-    """Geometry of the nodes a..b around grazing: |t| = pi/2 - rho0 sinh u; rows as for the peak."""
-    x_row, c_row, offset_row = ws.nodes[0][a:b], ws.nodes[1][a:b], ws.nodes[2][a:b]
-    h_row, weight_row, u_row = ws.nodes[3][a:b], ws.nodes[4][a:b], ws.nodes[5][a:b]
-    short_i = inc.cosine * inc.cosine / (1.0 + inc.sine)
-    grazing_half, _ = half_sincos(inc.grazing)
-    half_rho0 = 0.5 * surf.rho0
-    for i in range(x_row.size):
-        u = u_row[i]
-        e = exp(u)
-        forward = i >= n_backward
-        inverse = 1.0 / e
-        sh, ch = half_sincos(half_rho0 * (e - inverse))
-        cos_t = 2.0 * sh * ch
-        sin_t = (1.0 - 2.0 * sh * sh) if forward else (2.0 * sh * sh - 1.0)
-        x = 0.5 * (inc.sine + sin_t)
-        short = 2.0 * sh * sh if forward else 1.0 - sin_t
-        near = 2.0 * (grazing_half - sh) * (grazing_half + sh)
-        x_row[i] = x
-        c_row[i] = sqrt(0.5 * (short + short_i) * (1.0 + x))
-        offset_row[i] = near if forward else sin_t - inc.sine
-        h_row[i] = 0.25 * (inc.cosine + cos_t) * (inc.cosine + cos_t)
-        weight_row[i] *= half_rho0 * (e + inverse) * cos_t
-        u_row[i] = scale_u * u
-
-
-@compiled()
-def _lay_panels(v0: float, v1: float, digits: float, pole: float, at: int, ws: Workspace) -> int:
-    """Gauss nodes of [v0, v1] from index ``at`` on: v into row 5, weights into row 4."""
-    if v1 <= v0:
-        return at
-    n_panels, p = panel_split(v1 - v0, digits, pole)
-    step = (v1 - v0) / n_panels
-    first = p * (p - 1) // 2
-    for j in range(n_panels):
-        for i in range(p):
-            ws.nodes[5, at + i] = v0 + step * (j + _NODES[first + i])
-            ws.nodes[4, at + i] = step * _WEIGHTS[first + i]
-        at += p
+@compiled(inline=True)
+def _lay_panels(
+    v0: float, v1: float, digits: float, pole: float, at: int, v_row: Array, weight_row: Array
+) -> int:
+    """Gauss nodes of [v0, v1] and their weights from index ``at`` on; returns where they end."""
+    if v1 > v0:
+        n_panels, p = panel_split(v1 - v0, digits, pole)
+        step = (v1 - v0) / n_panels
+        first = p * (p - 1) // 2
+        for j in range(n_panels):
+            for i in range(p):
+                v_row[at + i] = v0 + step * (j + _NODES[first + i])
+                weight_row[at + i] = step * _WEIGHTS[first + i]
+            at += p
     return at
 
 
 @compiled()
 def place_nodes(inc: Incidence, surf: Surface, digits: float, ws: Workspace) -> int:
-    """Geometry and weights of the nodes of all panels; returns their number."""
+    """Geometry and weights of the nodes of all panels; returns their number.
+
+    Nodes are laid at t = theta_i + width sinh v, then around both grazing directions at
+    t = -+pi/2 + rho0 sinh v. All cosines and differences of sines come without cancellation.
+    """
     t_s, t_p = transmittances(inc.sine, inc.cosine, surf)
     width = min(surf.rho0, inc.grazing, 0.25 * surf.width * min(t_s, t_p))
+    rho0 = surf.rho0
     pole = POLE_DISTANCE
     if surf.m2_re < 0.0:
         pole = POLE_DISTANCE_METAL
     elif surf.m2_re > DENSE:
         pole = POLE_DISTANCE_DENSE
-    scale_u = 1.0 / asinh(0.5 * pi / surf.rho0)
     near = asinh(inc.theta / width)
     far = asinh((inc.theta + 0.25 * pi) / width)
-    backward = _lay_panels(near, far, digits, pole, 0, ws)
-    backward = _lay_panels(0.0, near, digits, pole, backward, ws)
-    peak = _lay_panels(0.0, asinh(0.5 * inc.grazing / width), digits, pole, backward, ws)
-    _place_peak_nodes(inc, width, backward, 0, peak, surf, scale_u, ws)
-    edge = _lay_panels(0.0, asinh(0.25 * pi / surf.rho0), digits, pole, peak, ws)
-    end = _lay_panels(0.0, asinh(0.5 * inc.grazing / surf.rho0), digits, pole, edge, ws)
-    _place_edge_nodes(inc, edge - peak, peak, end, surf, scale_u, ws)
-    return end
-
-
-@compiled(reassociate=True)
-def _sum_expansions(n: int, m: int, n_series: int, ws: Workspace) -> None:
-    """C/u of every series at the nodes: the polynomials once, then sums of four at a time."""
-    u = ws.nodes[5]
-    basis = ws.basis
+    x_row, c_row, offset_row = ws.nodes[0], ws.nodes[1], ws.nodes[2]
+    h_row, weight_row, u_row = ws.nodes[3], ws.nodes[4], ws.nodes[5]
+    peak = _lay_panels(-far, -near, digits, pole, 0, u_row, weight_row)
+    peak = _lay_panels(-near, 0.0, digits, pole, peak, u_row, weight_row)
+    middle = asinh(0.5 * inc.grazing / width)
+    peak = _lay_panels(0.0, middle, digits, pole, peak, u_row, weight_row)
+    quarter = asinh(0.25 * pi / rho0)
+    backward = _lay_panels(0.0, quarter, digits, pole, peak, u_row, weight_row)
+    middle = asinh(0.5 * inc.grazing / rho0)
+    n = _lay_panels(-middle, 0.0, digits, pole, backward, u_row, weight_row)
+    while n % LANES:
+        u_row[n] = weight_row[n] = 0.0
+        n += 1
+    inverse_rho0 = 1.0 / rho0
+    scale_u = 1.0 / asinh(0.5 * pi * inverse_rho0)
+    short_i = inc.cosine * inc.cosine / (1.0 + inc.sine)  # 1 - sin(theta_i)
     for i in range(n):
-        basis[i] = 1.0
-        basis[n + i] = 2.0 * u[i] - 1.0
-    for j in range(2, m):
-        before, last = basis[(j - 2) * n : (j - 1) * n], basis[(j - 1) * n : j * n]
-        new = basis[j * n : (j + 1) * n]
-        for i in range(n):
-            new[i] = (4.0 * u[i] - 2.0) * last[i] - before[i]
+        at_peak = i < peak
+        edge = -1.0 if i < backward else 1.0
+        sine = inc.sine if at_peak else edge
+        cosine = inc.cosine if at_peak else 0.0
+        short = short_i if at_peak else 1.0 - edge
+        beyond = 0.0 if at_peak else short_i - short
+        above = inc.grazing if at_peak else 0.5 * pi * (1.0 - edge)
+        e = exp(u_row[i])
+        inverse = 1.0 / e
+        half_width = 0.5 * width if at_peak else 0.5 * rho0
+        delta = half_width * (e - inverse)
+        sh, ch = half_sincos(delta)
+        rise = 2.0 * sh * (cosine * ch - sine * sh)  # sin t - sine
+        cos_t = cosine * (1.0 - 2.0 * sh * sh) - sine * (2.0 * sh * ch)
+        x = 0.5 * (inc.sine + sine + rise)
+        x_row[i] = x
+        c_row[i] = sqrt(0.5 * (short - rise + short_i) * (1.0 + x))
+        offset_row[i] = beyond + rise
+        h_row[i] = 0.25 * (inc.cosine + cos_t) * (inc.cosine + cos_t)
+        weight_row[i] *= half_width * (e + inverse) * cos_t
+        distance = min(above - delta, pi - above + delta) * inverse_rho0
+        u_row[i] = scale_u * log(distance + sqrt(distance * distance + 1.0))
+    return n
+
+
+@compiled(inline=True)
+def _sum_expansion(coefficients: Array, m: int, y: Array, b1: Array, b2: Array) -> None:
+    """A Chebyshev series at all nodes by Clenshaw's recurrence, into ``b1``; m is even.
+
+    Four degrees a pass over the nodes; ``y`` is twice the argument.
+    """
+    for i in range(y.size):
+        b1[i] = 0.0
+        b2[i] = 0.0
+    for j in range(m - 4, -1, -4):
+        c0, c1 = coefficients[j], coefficients[j + 1]
+        c2, c3 = coefficients[j + 2], coefficients[j + 3]
+        for i in range(y.size):
+            odd = c3 + y[i] * b1[i] - b2[i]
+            even = c2 + y[i] * odd - b1[i]
+            b2[i] = c1 + y[i] * even - odd
+            b1[i] = c0 + y[i] * b2[i] - even
+    for i in range(y.size):
+        b1[i] -= 0.5 * y[i] * b2[i]
+
+
+@compiled()
+def _sum_expansions(n: int, m: int, n_series: int, ws: Workspace) -> None:
+    """C/u of every series at the nodes."""
+    u, y, b2 = ws.nodes[5][:n], ws.recurrence[0][:n], ws.recurrence[1][:n]
+    for i in range(y.size):
+        y[i] = 4.0 * u[i] - 2.0
     for q in range(n_series):
-        row = ws.sums[q]
-        for i in range(n):
-            row[i] = 0.0
-        for j in range(0, m, 4):
-            c0, c1 = ws.coefficients[q, j], ws.coefficients[q, j + 1]
-            c2, c3 = ws.coefficients[q, j + 2], ws.coefficients[q, j + 3]
-            t0, t1 = basis[j * n : (j + 1) * n], basis[(j + 1) * n : (j + 2) * n]
-            t2, t3 = basis[(j + 2) * n : (j + 3) * n], basis[(j + 3) * n : (j + 4) * n]
-            for i in range(n):
-                row[i] += c0 * t0[i] + c1 * t1[i] + c2 * t2[i] + c3 * t3[i]
+        _sum_expansion(ws.coefficients[q], m, y, ws.sums[q][:n], b2)
 
 
 @compiled(reassociate=True)

@@ -35,6 +35,12 @@ def _log(x: Array, out: Array) -> None:
 
 
 @njit
+def _log_ratio(a: Array, b: Array, out: Array) -> None:
+    for i in range(a.size):
+        out[i] = elementary.log_ratio(a[i], b[i])
+
+
+@njit
 def _exp(x: Array, out: Array) -> None:
     for i in range(x.size):
         out[i] = elementary.exp(x[i])
@@ -71,6 +77,24 @@ def test_log_is_within_one_ulp_over_all_normal_numbers() -> None:
     _log(x, found)
     worst, where = ulps(found, x, mp.log)
     assert worst < 1.0, f"{worst:.3f} ulp at {where!r}"
+
+
+def test_log_of_a_ratio_is_within_two_ulp_also_where_the_ratio_is_nearly_one() -> None:
+    rng = np.random.default_rng(2)
+    a = np.exp(rng.uniform(-300.0, 300.0, 6000))
+    b = a * np.concatenate([
+        np.exp(rng.uniform(-300.0, 300.0, 2000)),
+        2.0 ** rng.uniform(-1.0, 1.0, 2000),
+        1.0 + 10.0 ** rng.uniform(-15.0, -1.0, 2000),
+    ])  # fmt: skip
+    found = np.empty(a.size)
+    _log_ratio(a, b, found)
+    exact = [mp.log(mp.mpf(p) / mp.mpf(q)) for p, q in zip(a.tolist(), b.tolist(), strict=True)]
+    units = np.spacing(np.abs(np.array([float(e) for e in exact])))
+    error = [float(abs(mp.mpf(f) - e)) for f, e in zip(found.tolist(), exact, strict=True)]
+    assert np.max(np.array(error) / units) < 2.0
+    assert elementary.log_ratio(3.0, 3.0) == 0.0
+    assert elementary.log_ratio(1e-307, 1.0) == pytest.approx(np.log(1e-307), rel=1e-15)
 
 
 def test_log_of_one_is_exactly_zero() -> None:
