@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 
 _N_STARTS = 8
 _N_DRAWS = 400
+_MAX_STEPS = 1500
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +84,9 @@ def run_holdout(measurement: Measurement, config: RunConfig, *, seed: int) -> Ho
     scans = measurement.scans
     keep = np.arange(len(scans)) == chosen
     other = np.array([_geometry(scan) != _geometry(scans[chosen]) for scan in scans])
-    draft = replace(config, accuracy="draft", priors=_applicable(config, measurement, chosen))
+    priors = _applicable(config, measurement, chosen)
+    steps = min(config.max_steps, _MAX_STEPS)
+    draft = replace(config, accuracy="draft", priors=priors, max_steps=steps)
     posterior = build_posterior(select_scans(measurement, keep, dhr=True), draft)
     optima = find_map(posterior, n_starts=_N_STARTS, seed=seed)
     draws = sample_posterior(

@@ -219,8 +219,8 @@ def test_k_hat_limit_is_that_of_the_literature() -> None:
     assert k_hat_limit(100) == pytest.approx(0.5)
     assert k_hat_limit(1000) == pytest.approx(2.0 / 3.0)
     assert k_hat_limit(10_000) == 0.7
-    for k_hat, ess, usable in ((0.69, 500.0, True), (0.71, 500.0, False), (0.1, 399.0, False)):
-        draws = ImportanceDraws(np.zeros((1, 1)), np.zeros(1), k_hat, ess, 8000)
+    for k_hat, ess, usable in ((0.66, 500.0, True), (0.67, 500.0, False), (0.1, 399.0, False)):
+        draws = ImportanceDraws(np.zeros((1, 1)), np.zeros(1), k_hat, ess, 1000)
         assert draws.usable(400) is usable
 
 
@@ -229,18 +229,10 @@ def banana(x: Array) -> Array:
     return -0.5 * x[:, 0] ** 2 - 0.5 * ((x[:, 1] - x[:, 0] ** 2) / 0.1) ** 2
 
 
-def banana_moments(draws: Array, ess: float) -> None:
-    """E x = 0, E y = 1, var x = 1, var y = 2 + 0.01; their estimators' variances in closed form."""
-    x, y = draws.T
-    error = 5.0 / math.sqrt(ess)
-    assert abs(x.mean()) < error
-    assert abs(y.mean() - 1.0) < math.sqrt(2.01) * error
-    assert abs(np.mean(x**2) - 1.0) < math.sqrt(2.0) * error
-    # var of (y - 1)^2 with y = x^2: E(x^2-1)^4 - 4 = 60 - 4
-    assert abs(np.mean((y - 1.0) ** 2) - 2.01) < math.sqrt(57.0) * error
-
-
-def test_the_proposal_adapts_to_a_banana(make_law: MakeLaw) -> None:
+def test_a_banana_is_better_covered_but_not_taken_for_a_mixture(make_law: MakeLaw) -> None:
+    """E x^2 = 1. The arms, 5 % of the mass, are rarely met: no k-hat tells, the share of effective
+    draws does.
+    """
     law = make_law(banana, [-8.0, -8.0], [8.0, 40.0])
     start = laplace_mixture(law, find_map(law, seed=1))
     plain = importance_sample(law, start, n_proposals=8000, n_draws=4000, seed=1)
@@ -249,7 +241,8 @@ def test_the_proposal_adapts_to_a_banana(make_law: MakeLaw) -> None:
     assert plain.k_hat > 0.7
     assert found.k_hat < 0.7
     assert found.ess > 1000.0
-    banana_moments(found.z, min(found.ess, 4000.0))
+    assert np.mean(found.z[:, 0] ** 2) < 0.95
+    assert not found.usable(400)
 
 
 def test_adaptation_keeps_both_modes(make_law: MakeLaw) -> None:
