@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
+from functools import cache
+from pathlib import Path
 from typing import Any, TypeVar
 
 from numba import njit
@@ -14,6 +17,9 @@ def compiled(
     *, inline: bool = False, reassociate: bool = False, nogil: bool = False
 ) -> Callable[[Function], Function]:
     """Decorator: compile in nopython mode, cached on disk, division by zero as in IEEE 754.
+
+    What is on disk counts only while the sources of all kernels are what they were: numba itself
+    looks at the one file alone, and would go on with kernels of another version that it calls.
 
     A product and a sum may be contracted to one fused operation, which rounds once.
 
@@ -36,6 +42,20 @@ def compiled(
 
     def decorate(function: Function) -> Function:
         kernel: Function = njit(**options)(function)
+        file = getattr(getattr(kernel, "_cache", None), "_cache_file", None)
+        if file is not None:
+            file._source_stamp = (file._source_stamp, kernel_sources())
         return kernel
 
     return decorate
+
+
+@cache
+def kernel_sources(package: Path = Path(__file__).parents[1]) -> str:
+    """Hash of every source file of the package that holds kernels."""
+    found = hashlib.sha256()
+    for path in sorted(package.rglob("*.py")):
+        source = path.read_bytes()
+        if b"@compiled" in source:
+            found.update(source)
+    return found.hexdigest()
