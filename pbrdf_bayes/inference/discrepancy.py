@@ -11,12 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pbrdf_bayes.inference.correlated import (
-    group_gradient,
-    prepare_groups,
-    set_variances,
-    workspace,
-)
+from pbrdf_bayes.inference.correlated import group_gradient
+from pbrdf_bayes.inference.groups import prepare_groups, set_variances, workspace
 from pbrdf_bayes.inference.matern import MISSING, fill_steps
 from pbrdf_bayes.physics.compiled import compiled
 

@@ -10,15 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import linalg, stats
 
-from pbrdf_bayes.inference.correlated import (
-    Groups,
-    Work,
-    group_gradient,
-    group_log_likelihood,
-    prepare_groups,
-    set_variances,
-    workspace,
-)
+from pbrdf_bayes.inference.correlated import group_gradient, group_log_likelihood
 from pbrdf_bayes.inference.discrepancy import (
     Process,
     Scanned,
@@ -26,6 +18,7 @@ from pbrdf_bayes.inference.discrepancy import (
     draw_prior_discrepancy,
     smooth_discrepancy,
 )
+from pbrdf_bayes.inference.groups import Groups, Work, prepare_groups, set_variances, workspace
 from pbrdf_bayes.physics.compiled import compiled
 
 Array = NDArray[np.float64]
@@ -126,6 +119,27 @@ def exact_log_density(matrix: Any, residual: Any) -> Any:
     return -0.5 * np.sum(z * z + np.log(two_pi)) - np.sum(np.log(np.diag(lower)))
 
 
+def differences(values: Any, scan: NDArray[np.int64]) -> Any:
+    """Each row less the one before it in its scan, the first as it is: T of determinant 1.
+
+    A gain then enters one row of each scan only, and no precision is lost to a large u_cal.
+    """
+    result = values.copy()
+    for s in np.unique(scan):
+        rows = np.flatnonzero(scan == s)
+        result[rows[1:]] -= values[rows[:-1]]
+    return result
+
+
+def turned(case: Case, variance: Any, u_cal: float, tau: Any, ell: Any, rough: bool) -> Any:
+    """T K T', scans told apart by their numbers alone."""
+    matrix = covariance(case, variance, 0.0, tau, ell, rough)
+    matrix = differences(differences(matrix, case.scan).T, case.scan)
+    first = np.unique(case.scan, return_index=True)[1]
+    matrix[first, first] += type(ell)(u_cal) ** 2
+    return matrix
+
+
 def exact(
     case: Case, residual: Array, variance: Array, u_cal: float, tau: float, ell: float, rough: bool
 ) -> float:
@@ -135,8 +149,8 @@ def exact(
         rows = case.group == g
         part = Case(*(column[rows] for column in case))
         wide = [np.longdouble(x) for x in (tau, ell)]
-        matrix = covariance(part, variance[rows].astype(np.longdouble), u_cal, *wide, rough)
-        total += exact_log_density(matrix, residual[rows])
+        matrix = turned(part, variance[rows].astype(np.longdouble), u_cal, *wide, rough)
+        total += exact_log_density(matrix, differences(residual[rows], part.scan))
     return float(total)
 
 
@@ -175,16 +189,16 @@ def gradient(
 
 
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("u_cal", [0.0, 0.02, 10.0, 1e3, 1e6])
-@pytest.mark.parametrize("rough", [False, True])
+@pytest.mark.parametrize(
+    ("u_cal", "rough"), [(0.0, True), (0.0, False), (0.02, False), (1e3, True), (1e6, False)]
+)
 def test_value_is_that_of_the_covariance_matrix(case: Any, u_cal: float, rough: bool) -> None:
     rows = case()
     residual, group_variance = readings(rows)
     variance = group_variance[rows.group] + rows.extra
     found = value(rows, residual, group_variance, u_cal=u_cal, rough=rough)
     wanted = exact(rows, residual, variance, u_cal, 0.05, 20.0, rough)
-    # Extended precision loses u_cal^2/v = 1e16 of its 1e19 in the last case.
-    assert found == pytest.approx(wanted, rel=1e-11 if u_cal < 1e5 else 1e-6)
+    assert found == pytest.approx(wanted, rel=1e-11)
 
 
 @pytest.mark.parametrize(("tau", "ell"), [(0.3, 400.0), (1.0, 3.0), (1e-3, 0.01), (0.05, 1e6)])
@@ -280,12 +294,12 @@ def test_no_discrepancy_is_the_independent_law(u_cal: float) -> None:
         found = value(rows, residual, group_variance, u_cal=u_cal, tau=tau)
         assert found == pytest.approx(wanted, rel=1e-12)
         by_tau, by_ell = gradient(rows, residual, group_variance, u_cal=u_cal, tau=tau)[1:3]
-        assert abs(by_tau) < 1e-4
+        assert abs(tau * by_tau) < 1e-12
         assert abs(by_ell) < 1e-12
 
 
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("u_cal", [0.0, 0.02, 10.0])
+@pytest.mark.parametrize("u_cal", [0.0, 0.02, 1e3])
 @pytest.mark.parametrize("rough", [False, True])
 def test_slopes_by_rows_are_those_of_the_matrix(case: Any, u_cal: float, rough: bool) -> None:
     rows = case()
@@ -293,17 +307,19 @@ def test_slopes_by_rows_are_those_of_the_matrix(case: Any, u_cal: float, rough: 
     variance = group_variance[rows.group] + rows.extra
     total, _, _, out = gradient(rows, residual, group_variance, u_cal=u_cal, rough=rough)
     assert total == value(rows, residual, group_variance, u_cal=u_cal, rough=rough)
-    inverse = linalg.inv(covariance(rows, variance, u_cal, 0.05, 20.0, rough))
+    apart = rows._replace(scan=1000 * rows.group + rows.scan)
+    matrix = turned(apart, variance, u_cal, 0.05, 20.0, rough)
+    turn = differences(np.eye(residual.size), apart.scan)
+    inverse = turn.T @ linalg.cho_solve(linalg.cho_factor(matrix), turn)
     alpha = inverse @ residual
     by_v = 0.5 * (alpha**2 - np.diag(inverse))
-    loss = 1e-10 * max(1.0, u_cal**2)
-    np.testing.assert_allclose(out[0], alpha, rtol=1e-8, atol=loss * np.abs(alpha).max())
-    np.testing.assert_allclose(out[1], by_v, rtol=1e-8, atol=loss * np.diag(inverse).max())
+    loss = 1e-12 / variance.min()
+    np.testing.assert_allclose(out[0], alpha, rtol=1e-8, atol=loss * np.abs(residual).max())
+    np.testing.assert_allclose(out[1], by_v, rtol=1e-8, atol=loss)
 
 
 @pytest.mark.parametrize("case", [gaps, repeats, irregular, uneven, one_point])
-@pytest.mark.parametrize("u_cal", [0.0, 0.02, 1e3])
-@pytest.mark.parametrize("rough", [False, True])
+@pytest.mark.parametrize(("u_cal", "rough"), [(0.0, True), (0.02, False), (1e3, False)])
 def test_slopes_by_tau_and_ell(case: Any, u_cal: float, rough: bool) -> None:
     """Central differences of the extended-precision law, extrapolated once."""
     rows = case()
@@ -386,7 +402,7 @@ def test_smoothed_discrepancy(u_cal: float, rough: bool) -> None:
 
 @pytest.mark.parametrize("rough", [False, True])
 def test_draws_have_the_law_of_the_process(rough: bool) -> None:
-    """Means and covariances of 20000 draws, prior and conditional, in standard errors."""
+    """Means and covariances of thousands of draws, prior and conditional, in standard errors."""
     angle = np.array([-20.0, 0.0, 5.0, 5.0, 30.0, 5.0])
     group = np.array([0, 0, 0, 0, 0, 1])
     zero = np.zeros(4, dtype=np.int64)
@@ -396,7 +412,7 @@ def test_draws_have_the_law_of_the_process(rough: bool) -> None:
     process = Process(0.05, 10.0, 0.03, rough)
     data = Scanned(*rows[:3], residual, rows.extra)
     rng = _seeded(11)
-    n = 20_000
+    n = 8_000
     kinds: list[tuple[Array, Array, Array]] = []
     prior = np.array(
         [draw_prior_discrepancy(process, rng, theta_r_deg=angle, group=group) for _ in range(n)]
@@ -406,7 +422,7 @@ def test_draws_have_the_law_of_the_process(rough: bool) -> None:
     given = np.array(
         [
             draw_discrepancy(data, process, rng, theta_r_deg=angle, group=group)
-            for _ in range(n // 4)
+            for _ in range(n // 2)
         ]
     )
     kinds.append((given, *dense_posterior(rows, residual, process, angle, group)))
