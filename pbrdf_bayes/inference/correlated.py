@@ -31,6 +31,8 @@ from pbrdf_bayes.inference.matern import LANES, MISSING
 from pbrdf_bayes.physics.compiled import compiled
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 _LN_2PI = log(2.0 * pi)
 _LOW, _HIGH = 1e-100, 1e100
@@ -144,6 +146,27 @@ def _filter_block(groups: Groups, block: int, work: Work, tau2: float, keep: boo
     return log_det + _take_logarithm(groups, block, state)
 
 
+@compiled(reassociate=True)
+def _filter_lone_scans(
+    groups: Groups, block: int, state: Array, readings: Array, points: Array, moves: Array,
+    transition: Index, repeats: Flags, uniform: bool, tau2: float,
+) -> float:  # fmt: skip
+    """The same where no group has more than one scan and no point is kept: the common case."""
+    lanes = groups.lanes[block]
+    settled = False
+    log_det = 0.0
+    for k in range(groups.start[block], groups.start[block + 1]):
+        if settled and repeats[k]:
+            matern.filter_settled_point(state, readings[k], points[k], lanes)
+        else:
+            move = moves[transition[k]]
+            moving = matern.filter_point(state, readings[k], points[k], move, lanes, tau2)
+            settled = uniform and moving == 0
+        if k % 8 == 7 and _is_extreme(state, lanes):
+            log_det += _take_logarithm(groups, block, state)
+    return log_det + _take_logarithm(groups, block, state)
+
+
 @compiled()
 def _marginalise_gains(work: Work, lane: int, u_cal2: float) -> tuple[float, float]:
     """Logarithm of det(I + u_cal^2 A), and b' M b of a group.
@@ -196,7 +219,13 @@ def _block_value(
 ) -> float:  # fmt: skip
     """Log-likelihood of the groups of a block, its readings in place."""
     _begin(groups, block, work, group_variance, tau2)
-    total = _filter_block(groups, block, work, tau2, keep)
+    if keep or groups.n_scans > 1:
+        total = _filter_block(groups, block, work, tau2, keep)
+    else:
+        total = _filter_lone_scans(
+            groups, block, work.state, work.readings, work.points, work.moves, groups.transition,
+            groups.repeats, not work.varied[block], tau2,
+        )  # fmt: skip
     for lane in range(LANES):
         group = groups.group[block, lane]
         if group >= 0:
