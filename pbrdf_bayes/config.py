@@ -9,7 +9,7 @@ from typing import Any
 
 from pbrdf_bayes.errors import ConfigError
 
-NOISES = ("iid",)
+NOISES = ("iid", "correlated")
 EFFECTS: tuple[str, ...] = ()
 LINE_SHAPES = ("lorentzian",)
 PRIOR_PRESETS = ("paint", "dielectric", "metal")
@@ -38,8 +38,9 @@ class RunConfig:
 
     Attributes
     ----------
-    noise : {"iid"}
-        Likelihood of the BRDF rows.
+    noise : {"iid", "correlated"}
+        Likelihood of the BRDF rows: independent, or with a discrepancy of the model that is
+        correlated along theta_r and whose size is inferred.
     effects : tuple of str
         Effects added to the four-parameter model; empty is exactly the model of the 2011 paper.
     line_shape : {"lorentzian"}

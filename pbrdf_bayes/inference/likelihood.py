@@ -372,7 +372,7 @@ def _scan_with_floor(
 
 
 @compiled()
-def _dhr_readings(rows: Rows, model: Array, u_dhr: float, slopes: Array) -> tuple[float, float]:
+def dhr_readings(rows: Rows, model: Array, u_dhr: float, slopes: Array) -> tuple[float, float]:
     """The DHR readings; one gain for each polarisation.
 
     Returns the log-likelihood and its slope by u_dhr; the slopes by the DHR go into ``slopes``.
@@ -436,7 +436,7 @@ def iid_log_likelihood(geometry: Geometry, rows: Rows, parameters: Array, digits
         surf = surface(x[0], x[1], x[2], x[3])
         log_brdf(geometry, surf, digits, VALUES, ws, found)
         fill_dhr(geometry, surf, dhr)
-        total, _ = _dhr_readings(rows, dhr, x[rows.dhr_noise_column], dhr_work)
+        total, _ = dhr_readings(rows, dhr, x[rows.dhr_noise_column], dhr_work)
         for scan in range(rows.noise_column.size):
             a, b = rows.scan_start[scan], rows.scan_start[scan + 1]
             s_rel = x[rows.noise_column[scan]]
@@ -486,7 +486,7 @@ def iid_gradient(
         surf = surface(x[0], x[1], x[2], x[3])
         log_brdf(geometry, surf, digits, SLOPES, ws, found)
         fill_dhr(geometry, surf, dhr)
-        total, slope = _dhr_readings(rows, dhr, x[rows.dhr_noise_column], dhr_work)
+        total, slope = dhr_readings(rows, dhr, x[rows.dhr_noise_column], dhr_work)
         if rows.dhr_noise_column >= 0:
             out[rows.dhr_noise_column] += slope
         for i in range(dhr.size):
