@@ -13,13 +13,15 @@ import numpy as np
 import pytest
 
 from pbrdf_bayes import cli
-from pbrdf_bayes.bench import baselines, closed_form, normalisation, speed
+from pbrdf_bayes.bench import baselines, closed_form, normalisation, samples, speed
+from pbrdf_bayes.config import EFFECTS
 from pbrdf_bayes.physics.normalisation import incidence, normalisation_integrals, workspace
+from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
 
 BENCHMARKS = Path(__file__).parent / "benchmarks"
 KEYS = {
     "schema_version", "version", "created_utc", "quick", "machine", "seconds", "headline",
-    "normalisation", "error_map", "posterior_shift", "ladder", "scaling", "options",
+    "normalisation", "error_map", "posterior_shift", "ladder", "scaling", "samples", "options",
 }  # fmt: skip
 
 
@@ -49,7 +51,7 @@ def test_json_holds_every_part(result: dict[str, Any]) -> None:
 def test_page_is_one_file_without_network_or_leftovers(folder: Path) -> None:
     page = (folder / "index.html").read_text(encoding="utf-8")
     assert len(page) < 600_000
-    assert page.count('<svg class="plot"') == 15
+    assert page.count('<svg class="plot"') == 16
     for forbidden in ("<script", "http-equiv", "@import", "nan ", ">nan<", ">inf<", "None"):
         assert forbidden not in page
     assert not re.search(r'(src|href)="https?:', page)
@@ -89,6 +91,28 @@ def test_longer_inference_is_near_the_reference(result: dict[str, Any]) -> None:
     for row in result["ladder"]["rows"]:
         assert row["error_mean"] < 0.2, row
         assert row["error_sd"] < 0.2, row
+
+
+def test_clock_of_the_samples_runs_on(result: dict[str, Any]) -> None:
+    found = result["samples"]
+    assert found["sizes"] == [1, 2, 3]
+    for series in (found, found["threads"]):
+        assert series["seconds"][0] > 0.0
+        assert (np.diff(series["seconds"]) >= 0.0).all()
+    assert found["threads"]["sizes"] == [2, 3]
+
+
+def test_processes_fit_samples() -> None:
+    job = (simulate_measurement(GREEN_PAINT, seed=1, theta_r_deg=[-20.0, 0.0, 20.0]), 1)
+    with samples.ready_processes() as pool:
+        seconds = list(samples.by_workers(pool)([job, job, job]))
+    assert seconds == sorted(seconds)
+    assert len(seconds) == 3
+
+
+def test_page_says_what_can_be_switched_on(folder: Path) -> None:
+    page = (folder / "index.html").read_text(encoding="utf-8")
+    assert ("no effects beyond the four-parameter model" in page) is (not EFFECTS)
 
 
 def test_map_shows_where_the_closed_forms_fail(result: dict[str, Any]) -> None:

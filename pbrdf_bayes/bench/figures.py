@@ -28,6 +28,11 @@ LADDER = {
     "emcee": ("#1f4e79", "o"),
 }
 PARAMETER_INKS = ("#1f4e79", "#c24d00", "#00745a", "#7a5195")
+WORKERS = {
+    "one": ("#1f4e79", "o", "one after another"),
+    "threads": ("#c24d00", "^", "two threads"),
+    "processes": ("#00745a", "s", "two processes"),
+}
 _SMALLEST = 1e-16
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -83,7 +88,7 @@ def draw_figures(result: dict[str, Any]) -> dict[str, list[Picture]]:
             "ladder": [_ladder(result["ladder"], key, words)
                        for key, words in (("error_mean", "mean"), ("error_sd", "sd"),
                                           ("error_interval", "ends of the 95 % interval"))],
-            "scaling": _scaling(result["scaling"]),
+            "scaling": [*_scaling(result["scaling"]), _samples(result["samples"])],
         }  # fmt: skip
 
 
@@ -220,3 +225,22 @@ def _scaling(scaling: dict[str, Any]) -> list[Picture]:
         label = f"{title}: {y_label}, growing with exponent {series['exponent']:.2f}"
         made.append(_finish(axes, f"bench-scale-{key}", title, label))
     return made
+
+
+def _samples(samples: dict[str, Any]) -> Picture:
+    axes = _axes("samples", "seconds")
+    for way, (colour, marker, _) in WORKERS.items():
+        series = samples if way == "one" else samples.get(way, {"sizes": [], "seconds": []})
+        axes.plot(
+            series["sizes"], series["seconds"],
+            color=colour, marker=marker, markersize=5.5, linewidth=1.3,
+        )  # fmt: skip
+    x, y = np.array(samples["sizes"], float), np.array(samples["seconds"])
+    axes.plot(x, y[-1] * x / x[-1], color="#59636e", linewidth=1.0, linestyle=(0, (4, 3)))
+    _log_log(axes)
+    _few_ticks(axes, x.tolist(), y.tolist())
+    label = (
+        f"Samples fitted: {y[-1] / x[-1]:.2g} s each one after another, two threads "
+        f"{samples['threads']['speed_up']:.2g} times as fast"
+    )
+    return _finish(axes, "bench-scale-samples", "Samples fitted", label)

@@ -9,8 +9,8 @@ import numpy as np
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
 
-from pbrdf_bayes.bench.figures import LADDER, METHODS, PARAMETER_INKS, draw_figures
-from pbrdf_bayes.config import ACCURACIES
+from pbrdf_bayes.bench.figures import LADDER, METHODS, PARAMETER_INKS, WORKERS, draw_figures
+from pbrdf_bayes.config import ACCURACIES, EFFECTS
 
 _SYMBOLS = {"sigma_n0": "σ_N0", "rho0": "ρ_0", "u_dhr": "u_DHR"}
 
@@ -45,12 +45,29 @@ def render_page(result: dict[str, Any]) -> str:
         figures=draw_figures(result),
         methods=METHODS,
         ladder_methods=LADDER,
+        workers=WORKERS,
+        effects=EFFECTS,
+        lines=_lines(result),
         inks=PARAMETER_INKS,
         accuracies=_accuracies(result),
         comparison=_comparison(result),
         closed=_closed_form(result),
         threads=result["scaling"]["threads"],
     )
+
+
+_LINES = (
+    ("points", "points per scan, 10 scans"),
+    ("scans", "scans of 81 points"),
+    ("sets", "parameter sets a call"),
+)
+
+
+def _lines(result: dict[str, Any]) -> list[dict[str, Any]]:
+    """Straight lines through the times against every size."""
+    rows = [{"words": words, "unit": "µs", **result["scaling"][key]} for key, words in _LINES]
+    samples = {"words": "samples, one after another", "unit": "s", **result["samples"]}
+    return [*rows, samples]
 
 
 def _symbol(name: str) -> Markup:

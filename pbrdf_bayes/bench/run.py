@@ -15,6 +15,7 @@ from pbrdf_bayes import __version__
 from pbrdf_bayes.bench.inference import inference_ladder, posterior_shift
 from pbrdf_bayes.bench.normalisation import error_map, work_precision
 from pbrdf_bayes.bench.page import render_page
+from pbrdf_bayes.bench.samples import measure_samples
 from pbrdf_bayes.bench.speed import measure_headline, measure_options, measure_scaling
 from pbrdf_bayes.bench.timing import describe_machine
 from pbrdf_bayes.io.run_folder import write_text
@@ -39,8 +40,8 @@ def run_bench(
     Returns
     -------
     dict
-        headline, normalisation, error_map, posterior_shift, ladder, scaling, options, machine and
-        what was run when; the content of ``bench.json``.
+        headline, normalisation, error_map, posterior_shift, ladder, scaling, samples, options,
+        machine and what was run when; the content of ``bench.json``.
     """
     started = perf_counter()
     machine = describe_machine()
@@ -51,6 +52,7 @@ def run_bench(
         "posterior_shift": lambda: posterior_shift(quick=quick),
         "ladder": lambda: inference_ladder(quick=quick),
         "scaling": lambda: measure_scaling(quick=quick),
+        "samples": lambda: measure_samples(quick=quick),
         "options": lambda: measure_options(quick=quick),
     }
     found: dict[str, Any] = {
@@ -129,9 +131,18 @@ def text_table(result: dict[str, Any]) -> str:
         f"  {row['option']:<52}{row['microseconds']:>8.1f}{row['ratio']:>8.2f}"
         for row in result["options"]
     ]
+    samples = result["samples"]
+    each = samples["seconds"][-1] / samples["sizes"][-1]
+    gains = [
+        f"two {way} {samples[way]['speed_up']:.2f}"
+        for way in ("threads", "processes")
+        if way in samples
+    ]
+    together = f"{', '.join(gains)} times as fast"
+    lines += ["", f"samples fitted one after another: {each:.2f} s each; {together}"]
     exponents = ", ".join(
         f"{name} {series['exponent']:.2f}"
-        for name, series in result["scaling"].items()
+        for name, series in [*result["scaling"].items(), ("samples", samples)]
         if "exponent" in series
     )
     return "\n".join([*lines, "", f"growth: exponents {exponents}", ""])

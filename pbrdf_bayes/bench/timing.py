@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from math import ceil
 from pathlib import Path
 from time import perf_counter
@@ -67,6 +67,39 @@ def fitted_exponent(sizes: list[float], seconds: list[float]) -> float:
     half = len(sizes) // 2
     x, y = np.log(sizes[half:]), np.log(seconds[half:])
     return float(np.polyfit(x, y, 1)[0])
+
+
+def straight_line(sizes: Sequence[int], times: Sequence[float]) -> dict[str, float]:
+    """Fixed cost and cost a unit, the relative residuals least in squares.
+
+    Parameters
+    ----------
+    sizes : sequence of int
+    times : sequence of float
+        In any unit.
+
+    Returns
+    -------
+    dict
+        exponent of the growth [1]; fixed and per_unit in the unit of ``times``; off_the_line, the
+        largest relative distance from the line ``fixed + per_unit * size`` [1].
+
+    Examples
+    --------
+    >>> line = straight_line([1, 2, 4], [3.0, 5.0, 9.0])
+    >>> round(line["fixed"], 6), round(line["per_unit"], 6)
+    (1.0, 2.0)
+    """
+    x, y = np.array(sizes, dtype=np.float64), np.array(times)
+    columns = np.stack([np.ones(y.size), x], axis=1)
+    (fixed, slope), *_ = np.linalg.lstsq(columns / y[:, None], np.ones(y.size))
+    residual = columns @ np.array([fixed, slope]) / y - 1.0
+    return {
+        "exponent": fitted_exponent(x.tolist(), y.tolist()),
+        "fixed": float(fixed),
+        "per_unit": float(slope),
+        "off_the_line": float(np.abs(residual).max()),
+    }
 
 
 def describe_machine() -> dict[str, str | int]:

@@ -440,12 +440,14 @@ def iid_log_likelihood(geometry: Geometry, rows: Rows, parameters: Array, digits
         for scan in range(rows.noise_column.size):
             a, b = rows.scan_start[scan], rows.scan_start[scan + 1]
             s_rel = x[rows.noise_column[scan]]
-            work = _cut(scratch, a, b)
-            log_f = at_rows(geometry, found.log_f[geometry.row_polarization[a]], a, work.log_f)
+            log_f = at_rows(
+                geometry, found.log_f[geometry.row_polarization[a]], a, scratch.log_f[a:b]
+            )
             if rows.plain[scan]:
                 s1, s2 = _moments(rows.y[a:b], log_f)
                 value, _, _ = _plain_scan(s1, s2, b - a, s_rel, rows.u_cal2)
             else:
+                work = _cut(scratch, a, b)
                 value, _ = _scan_with_floor(
                     rows.y[a:b], log_f, rows.u2[a:b], rows.censored[a:b], s_rel, rows, VALUES,
                     work,

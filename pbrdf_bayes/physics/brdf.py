@@ -176,7 +176,7 @@ class Buffers(NamedTuple):
 @compiled()
 def buffers(n_directions: int, n_incidence: int, n_series: int) -> Buffers:
     """Allocate the buffers."""
-    n_rows = max(n_series, 4)
+    n_rows = max(n_series, 5)
     return Buffers(
         np.empty((n_rows, n_directions)),
         np.empty((n_rows, n_directions)),
@@ -220,7 +220,7 @@ def _fill_logs(
             for i in range(row.size):
                 row[i] = log(max(row[i], TINIEST))
     else:
-        fill_log_lobes(geometry.directions, first, a, b, surf, out)
+        fill_log_lobes(geometry.directions, first, a, b, surf, 0.0, 0.0, -np.inf, out, out)
 
 
 @compiled()
@@ -256,19 +256,24 @@ def log_brdf(
         scale_s = surf.sigma_n0 * f_s / norm_s
         scale_p = surf.sigma_n0 * f_p / norm_p
         a, b = geometry.start[j], geometry.start[j + 1]
-        _fill_logs(geometry, 0, a, b, surf, n_series, out.lobes)
-        if geometry.in_plane[j]:
-            scale_s *= peak.p
-            scale_p *= peak.s
-            if n_series == SLOPES:
-                _add_peak(peak, out.scale_slopes[j])
+        flat = geometry.in_plane[j]
+        add_s = _log_or_less(scale_s * peak.p if flat else scale_s)
+        add_p = _log_or_less(scale_p * peak.s if flat else scale_p)
+        if flat and n_series == VALUES:
+            fill_log_lobes(
+                geometry.directions, 0, a, b, surf, add_s, add_p, LOWEST, out.lobes, out.log_f
+            )
         else:
-            _fill_logs(geometry, 4, a, b, surf, n_series, out.across)
-            _add_across(n_series, a, b, out.lobes, out.across)
-        log_s, log_p = out.log_f[0][a:b], out.log_f[1][a:b]
-        _add_logs(_log_or_less(scale_s), out.lobes[0][a:b], log_s)
-        _add_logs(_log_or_less(scale_p), out.lobes[1][a:b], log_p)
+            _fill_logs(geometry, 0, a, b, surf, n_series, out.lobes)
+            if flat:
+                _add_peak(peak, out.scale_slopes[j])
+            else:
+                _fill_logs(geometry, 4, a, b, surf, n_series, out.across)
+                _add_across(n_series, a, b, out.lobes, out.across)
+            _add_logs(add_s, out.lobes[0][a:b], out.log_f[0][a:b])
+            _add_logs(add_p, out.lobes[1][a:b], out.log_f[1][a:b])
         if geometry.unpolarised[j]:
+            log_s, log_p = out.log_f[0][a:b], out.log_f[1][a:b]
             _log_mean(log_s, log_p, out.share_s[a:b], out.log_f[2][a:b])
 
 

@@ -176,26 +176,31 @@ def fill_lobes(geometry: Array, first: int, a: int, b: int, surf: Surface, out: 
 
 
 @compiled()
-def fill_log_lobes(geometry: Array, first: int, a: int, b: int, surf: Surface, out: Array) -> None:
-    """Logarithms of the lobes, arguments as for `fill_lobes`; -700 or less for a zero.
+def fill_log_lobes(
+    geometry: Array, first: int, a: int, b: int, surf: Surface,
+    add_s: float, add_p: float, lowest: float, work: Array, out: Array,
+) -> None:  # fmt: skip
+    """Logarithms of the lobes plus ``add_s`` and ``add_p``; -700 or less for a lobe of zero.
 
-    ``out`` has four rows. Three loops take less time than one, which would run out of registers.
+    Arguments as for `fill_lobes`; results are at least ``lowest``, rows 2 to 4 of ``work`` are
+    scratch. Three loops take less time than one, which would run out of registers.
     """
     x, c = geometry[first][a:b], geometry[first + 1][a:b]
     offset, h = geometry[first + 2][a:b], geometry[first + 3][a:b]
-    log_s, log_p, below_s, below_p = out[0][a:b], out[1][a:b], out[2][a:b], out[3][a:b]
+    above_p, below_s, below_p = work[2][a:b], work[3][a:b], work[4][a:b]
+    log_s, log_p = out[0][a:b], out[1][a:b]
     if surf.m2_re >= 1.0:
         for i in range(x.size):
             t = lobe_fractions(x[i], c[i], offset[i], h[i], surf, True)
-            below_s[i], log_p[i], below_p[i] = t.below_s, t.above_p, t.below_p
+            below_s[i], above_p[i], below_p[i] = t.below_s, t.above_p, t.below_p
     else:
         for i in range(x.size):
             t = lobe_fractions(x[i], c[i], offset[i], h[i], surf, False)
-            below_s[i], log_p[i], below_p[i] = t.below_s, t.above_p, t.below_p
+            below_s[i], above_p[i], below_p[i] = t.below_s, t.above_p, t.below_p
     for i in range(x.size):
-        log_s[i] = log_ratio(surf.contrast, below_s[i])
+        log_s[i] = max(add_s + log_ratio(surf.contrast, below_s[i]), lowest)
     for i in range(x.size):
-        log_p[i] = log_ratio(max(log_p[i], TINIEST), below_p[i])
+        log_p[i] = max(add_p + log_ratio(max(above_p[i], TINIEST), below_p[i]), lowest)
 
 
 @compiled()
