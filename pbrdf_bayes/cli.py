@@ -82,15 +82,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"pbrdf-bayes {options.verb}: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
-        print("\ninterrupted; nothing was left half written", file=sys.stderr)
-        return INTERRUPTED
+        return _say_interrupted()
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
     except OSError as error:  # of standard output, or of a name no file can have
         print(f"pbrdf-bayes {options.verb}: the system refused: {error}", file=sys.stderr)
         return BAD_INPUT
+    except Exception:
+        if _interrupted.is_set():  # compiled code turns the interrupt into an error of its own
+            return _say_interrupted()
+        raise
     return code
+
+
+def _say_interrupted() -> int:
+    print("\ninterrupted; nothing was left half written", file=sys.stderr)
+    return INTERRUPTED
 
 
 def _attach_angles(arguments: Sequence[str]) -> list[str]:

@@ -299,8 +299,8 @@ def _describe_spikes(p: Profile) -> list[tuple[float, str]]:
 
 def _check_coverage(profiles: tuple[Profile, ...]) -> DataCheck:
     """Count scans in plane that miss their specular direction, and any with too few points."""
-    if not profiles:
-        return _skip("coverage", "There is no BRDF scan.")
+    if not any(in_plane(p.scan) for p in profiles):
+        return _skip("coverage", "There is no BRDF scan in the plane of incidence.")
     few = [p.scan.label for p in profiles if len(p) < MIN_POINTS]
     missed = [
         p.scan.label
@@ -309,7 +309,11 @@ def _check_coverage(profiles: tuple[Profile, ...]) -> DataCheck:
         and in_plane(p.scan)
         and not covers_specular(p, within_deg=SPECULAR_WITHIN_DEG)
     ]
-    statement = f"{len(profiles) - len(few) - len(missed)} of {len(profiles)} scans are complete."
+    out_of_plane = sum(not in_plane(p.scan) for p in profiles if len(p) >= MIN_POINTS)
+    counted = len(profiles) - out_of_plane
+    statement = f"{counted - len(few) - len(missed)} of {counted} scans are complete."
+    if out_of_plane:
+        statement += f" {out_of_plane} out of the plane of incidence not counted."
     if missed:
         statement += f" Without the specular direction: {', '.join(missed[:5])}."
     if few:

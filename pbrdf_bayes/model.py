@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pbrdf_bayes.errors import DomainError
-from pbrdf_bayes.physics.brdf import evaluate, prepare_geometry
+from pbrdf_bayes.physics.brdf import evaluate
 from pbrdf_bayes.physics.fresnel import surface
+from pbrdf_bayes.physics.geometry import prepare_geometry
 from pbrdf_bayes.physics.normalisation import incidence, normalisation_integrals, workspace
 
 Array = NDArray[np.float64]

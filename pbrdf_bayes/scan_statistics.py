@@ -112,8 +112,8 @@ def find_spikes(
 ) -> tuple[NDArray[np.int64], Array]:
     """Find points that are off by themselves.
 
-    Spared are the three steps around the specular direction, where a narrow lobe looks like a
-    spike, and dips of p, which may fall to nothing at the Brewster angle.
+    Spared are the point next to the specular direction and those within a degree, where a narrow
+    lobe looks like a spike, and dips of p, which may fall to nothing at the Brewster angle.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def find_spikes(
     padded = np.pad(size / gain, 2)
     largest = np.all([size / gain >= padded[d : d + size.size] for d in range(5)], axis=0)
     step = float(np.median(np.diff(p.theta_r_deg)))
-    spared = from_specular_deg(p)[2:-2] <= 3 * step
+    spared = from_specular_deg(p)[2:-2] <= max(0.75 * step, 1.0)
     spared |= (deviation < 0) & (p.scan.polarization == "p")
     index = np.flatnonzero(beyond & alone.all(axis=0) & largest & ~spared)
     return index + 2, deviation[index]

@@ -987,3 +987,20 @@ def test_real_dhr_alone(shared: Path, here: Path, capsys: pytest.CaptureFixture[
     assert capsys.readouterr().out == "run\n"
     summary = json.loads((here / "run" / "summary.json").read_text(encoding="utf-8"))
     assert not summary["parameters"]["rho0"]["identified"]
+
+
+def test_an_interrupt_that_compiled_code_turned_into_an_error_is_still_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """numba answers a KeyboardInterrupt during its callbacks with a SystemError."""
+
+    def compiled_code(*_: object, **__: object) -> None:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            msg = "returned a result with an exception set"
+            raise SystemError(msg) from None
+
+    monkeypatch.setattr("pbrdf_bayes.checking.describe_file", compiled_code)
+    assert run("check", "any.csv") == 130
+    assert "interrupted" in capsys.readouterr().err

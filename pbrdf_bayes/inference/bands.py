@@ -14,7 +14,7 @@ from scipy.special import ndtri
 
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.residuals import floored, row_weights, scan_gains
-from pbrdf_bayes.physics.brdf import prepare_geometry
+from pbrdf_bayes.physics.geometry import prepare_geometry
 from pbrdf_bayes.results import QUANTILES
 
 Array = NDArray[np.float64]

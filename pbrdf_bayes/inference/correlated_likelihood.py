@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.inference.correlated import group_gradient, group_log_likelihood
 from pbrdf_bayes.inference.groups import Groups, Work, prepare_groups, set_variances, workspace
-from pbrdf_bayes.inference.likelihood import Rows, dhr_readings
+from pbrdf_bayes.inference.likelihood import dhr_readings
+from pbrdf_bayes.inference.rows import Rows
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.physics.brdf import (
     Buffers,
-    Geometry,
     add_scan_slopes,
     at_rows,
     buffers,
@@ -36,6 +36,7 @@ from pbrdf_bayes.physics.brdf import (
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.elementary import exp, log
 from pbrdf_bayes.physics.fresnel import surface
+from pbrdf_bayes.physics.geometry import Geometry
 from pbrdf_bayes.physics.normalisation import SLOPES, VALUES
 from pbrdf_bayes.physics.normalisation import workspace as quadrature_workspace
 

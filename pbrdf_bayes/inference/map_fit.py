@@ -21,8 +21,7 @@ _SCREENED_PER_START = 16
 _SAME_OPTIMUM_NATS = 0.05
 _SAME_OPTIMUM_WIDTH = 0.02
 _FLOOR = -1e25
-_MAX_ROUNDS = 20
-_EVALUATIONS = 400
+_EVALUATIONS = 1200
 _NOTHING_GAINED_NATS = 1e-6
 _NLOPT_ERRORS = (
     nlopt.RoundoffLimited,
@@ -121,7 +120,8 @@ def find_map(posterior: Posterior, *, n_starts: int = 16, seed: int) -> MapResul
             "density. Check units and values of the readings and the support of the priors"
         )
         raise FitError(msg)
-    ends = [end for end in finite if is_stationary(posterior, end[0], low, high)] or finite
+    ends = [end for end in finite if is_stationary(posterior, end[0], low, high)]
+    ends = ends or [max(finite, key=lambda end: end[1])]
     return MapResult(_distinct(posterior, ends, low, high), n_starts, n_starts - len(ends))
 
 
@@ -129,8 +129,9 @@ def climb(posterior: Posterior, start: Array, low: Array, high: Array) -> tuple[
     """Nearest maximum uphill of ``start`` (coordinates z) and its log-density.
 
     L-BFGS is begun again where it stopped until it gains nothing. Where a slope is left, BOBYQA
-    goes on without slopes. From an end at a bound the climb is tried again from inside: on the
-    bound k = 0 the slope by k vanishes even where the density rises inwards.
+    goes on without slopes; a climb without end, as on readings without noise, is cut. From an end
+    at a bound the climb is tried again from inside: on the bound k = 0 the slope by k vanishes even
+    where the density rises inwards.
     """
     end = _climb_smoothly(posterior, start, low, high)
     inside = np.clip(end[0], *_moved_in(low, high))
@@ -144,13 +145,15 @@ def _climb_smoothly(
     posterior: Posterior, start: Array, low: Array, high: Array
 ) -> tuple[Array, float]:
     end = (np.clip(start, low, high), -np.inf)
+    left = _EVALUATIONS
     for algorithm in (nlopt.LD_LBFGS, nlopt.LN_BOBYQA, nlopt.LD_LBFGS):
-        for _ in range(_MAX_ROUNDS):
+        gained = np.inf
+        while gained > _NOTHING_GAINED_NATS and left > 0:
             before = end[1]
-            end = _search(posterior, algorithm, end, low, high)
-            if not end[1] > before + _NOTHING_GAINED_NATS:
-                break
-        if is_stationary(posterior, end[0], low, high):
+            end, used = _search(posterior, algorithm, end, low, high, min(left, _EVALUATIONS // 3))
+            gained = end[1] - before if np.isfinite(end[1]) else 0.0
+            left -= used
+        if left <= 0 or is_stationary(posterior, end[0], low, high):
             break
     return end
 
@@ -173,9 +176,10 @@ def _moved_in(low: Array, high: Array) -> tuple[Array, Array]:
 
 
 def _search(
-    posterior: Posterior, algorithm: int, start: tuple[Array, float], low: Array, high: Array
-) -> tuple[Array, float]:
-    """One run of nlopt; the best point it saw, whatever way it ended."""
+    posterior: Posterior, algorithm: int, start: tuple[Array, float], low: Array, high: Array,
+    n_most: int,
+) -> tuple[tuple[Array, float], int]:  # fmt: skip
+    """One run of nlopt; the best point it saw, whatever way it ended, and its evaluations."""
     best = start
 
     def objective(z: Array, grad: Array) -> float:
@@ -195,12 +199,12 @@ def _search(
     search.set_lower_bounds(low)
     search.set_upper_bounds(high)
     search.set_ftol_abs(1e-9)
-    search.set_maxeval(_EVALUATIONS)
+    search.set_maxeval(n_most)
     if algorithm == nlopt.LN_BOBYQA:
         search.set_initial_step(0.01)
     with suppress(*_NLOPT_ERRORS):  # the best point so far is kept
         search.optimize(start[0])
-    return best
+    return best, max(search.get_numevals(), 1)
 
 
 def _distinct(

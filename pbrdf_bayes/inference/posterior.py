@@ -16,17 +16,13 @@ from pbrdf_bayes.inference.correlated_likelihood import (
     correlated_log_likelihood,
     prepare_discrepancy,
 )
-from pbrdf_bayes.inference.likelihood import (
-    RELATIVE_SCALE,
-    Rows,
-    iid_gradient,
-    iid_log_likelihood,
-    prepare_rows,
-)
+from pbrdf_bayes.inference.likelihood import iid_gradient, iid_log_likelihood
 from pbrdf_bayes.inference.parameters import ParameterSpec, parameter_specs
+from pbrdf_bayes.inference.rows import RELATIVE_SCALE, Rows, prepare_rows
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.model import digits_of
-from pbrdf_bayes.physics.brdf import Geometry, evaluate, prepare_geometry
+from pbrdf_bayes.physics.brdf import evaluate
+from pbrdf_bayes.physics.geometry import Geometry, prepare_geometry
 
 Array = NDArray[np.float64]
 

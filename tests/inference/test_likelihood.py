@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import integrate, stats
 
 import pbrdf_bayes as pb
-from pbrdf_bayes.inference.likelihood import log_normal_cdf
+from pbrdf_bayes.inference.floored_scans import log_normal_cdf
 from pbrdf_bayes.measurement import Measurement, Scan, select_scans
 from pbrdf_bayes.simulate import simulate_measurement
 

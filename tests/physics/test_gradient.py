@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pbrdf_bayes.physics.brdf import evaluate_gradient, prepare_geometry
+from pbrdf_bayes.physics.brdf import evaluate_gradient
+from pbrdf_bayes.physics.geometry import prepare_geometry
 
 POINTS = json.loads(
     (Path(__file__).parents[1] / "reference" / "gradient_values.json").read_text(encoding="utf-8")
