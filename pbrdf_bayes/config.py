@@ -9,7 +9,7 @@ from typing import Any
 
 from pbrdf_bayes.errors import ConfigError
 
-NOISES = ("iid", "correlated")
+NOISES = ("iid",)
 EFFECTS: tuple[str, ...] = ()
 LINE_SHAPES = ("lorentzian",)
 PRIOR_PRESETS = ("paint", "dielectric", "metal")
@@ -38,9 +38,10 @@ class RunConfig:
 
     Attributes
     ----------
-    noise : {"iid", "correlated"}
-        Likelihood of the BRDF rows: independent, or with a discrepancy of the model that is
-        correlated along theta_r and whose size is inferred.
+    noise : {"iid"}
+        Likelihood of the BRDF rows. The one with a correlated discrepancy is computed by
+        `pbrdf_bayes.inference.correlated_likelihood` but cannot be chosen before bands and verdicts
+        know of it.
     effects : tuple of str
         Effects added to the four-parameter model; empty is exactly the model of the 2011 paper.
     line_shape : {"lorentzian"}

@@ -91,7 +91,7 @@ def ranks(fitted: pb.RunConfig, n: int, first_seed: int) -> Array:
     found = []
     for seed in range(first_seed, first_seed + n):
         rng = np.random.default_rng([seed, 77])
-        template = pb.build_posterior(experiment(np.array([1.5, *[0.1] * 6]), 0), config())
+        template = pb.build_posterior(experiment(np.array([1.5, *[0.1] * 5, 0.001]), 0), config())
         truth = template.sample_prior(rng, 1)[0]
         posterior = pb.build_posterior(experiment(truth, seed), fitted)
         assert posterior.parameter_names == NAMES
