@@ -50,6 +50,7 @@ class Discrepancy(NamedTuple):
     groups: Groups
     noise_column: Index
     """Parameter column of s_q per group."""
+    group_of_scan: Index
     stated2: Array
     """Relative variance stated for each row beside its repeats."""
     varied: bool
@@ -89,6 +90,7 @@ def prepare_discrepancy(
             np.repeat(np.arange(len(scans)), lengths),
         ),
         noise_column=noise_column,
+        group_of_scan=np.array([names[key] for key in keys], dtype=np.int64),
         stated2=stated2,
         varied=bool(rows.floor2 > 0.0 or stated2.any()),
         tau_column=tau_column,
@@ -243,3 +245,37 @@ def correlated_gradient(
         out[3] += physical[3]
         result[j] = total + value
     return result, slopes
+
+
+@compiled(nogil=True)
+def precision_times(rows: Rows, law: Discrepancy, x: Array, extra: Array, values: Array) -> Array:
+    """K^-1 times values of the rows, K their covariance at one parameter set.
+
+    Parameters
+    ----------
+    rows : Rows
+    law : Discrepancy
+    x : ndarray, shape (n_par,)
+        Physical units.
+    extra : ndarray, shape (n_rows,)
+        Variance of each row beside s_q^2.
+    values : ndarray, shape (n_columns, n_rows)
+
+    Returns
+    -------
+    ndarray, shape (n_columns, n_rows)
+    """
+    work = workspace(law.groups, True)
+    set_variances(law.groups, work, extra)
+    variance = np.empty(law.noise_column.size)
+    for group in range(variance.size):
+        variance[group] = x[law.noise_column[group]] ** 2
+    by_row = np.empty((4, rows.y.size))
+    result = np.empty(values.shape)
+    for i in range(values.shape[0]):
+        group_gradient(
+            law.groups, work, values[i], variance, rows.u_cal2, x[law.tau_column],
+            x[law.ell_column], by_row,
+        )  # fmt: skip
+        result[i] = by_row[0]
+    return result
