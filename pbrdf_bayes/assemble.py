@@ -22,7 +22,6 @@ from pbrdf_bayes.inference.diagnostics import (
     FAIL,
     WARN,
     Diagnostic,
-    Discrepancy,
     Identifiability,
     contraction,
     overall_verdict,
@@ -63,7 +62,6 @@ class Stages:
     dhr_curves: tuple[Targets, NDArray[np.bool_], Bands]
     holdout: Holdout | None
     scales: Array | None
-    discrepancy: Discrepancy | None
     normalisation_error: float
     microseconds: float
     timings: Mapping[str, float]
@@ -105,7 +103,6 @@ def _summary(s: Stages) -> dict[str, Any]:
             d.name: {k: v for k, v in asdict(d).items() if k != "name"} for d in s.diagnostics
         },
         "fit": _fit(s),
-        "discrepancy": None if s.discrepancy is None else asdict(s.discrepancy),
         "map": _map(s),
         "sampling": _sampling(s.draws, config),
         "accuracy": {

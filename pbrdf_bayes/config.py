@@ -39,9 +39,7 @@ class RunConfig:
     Attributes
     ----------
     noise : {"iid"}
-        Likelihood of the BRDF rows. The one with a correlated discrepancy is computed by
-        `pbrdf_bayes.inference.correlated_likelihood` but cannot be chosen before bands and verdicts
-        know of it.
+        Likelihood of the BRDF rows.
     effects : tuple of str
         Effects added to the four-parameter model; empty is exactly the model of the 2011 paper.
     line_shape : {"lorentzian"}

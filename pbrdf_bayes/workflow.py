@@ -20,16 +20,11 @@ from pbrdf_bayes.config import ACCURACIES, RunConfig
 from pbrdf_bayes.data_checks import DataCheck, check_measurement
 from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.inference.bands import Bands, Targets, inside_band, predict_bands, scan_scales
-from pbrdf_bayes.inference.diagnostics import (
-    Discrepancy,
-    assess_identifiability,
-    run_diagnostics,
-)
+from pbrdf_bayes.inference.diagnostics import assess_identifiability, run_diagnostics
 from pbrdf_bayes.inference.holdout import run_holdout
 from pbrdf_bayes.inference.laplace import laplace_mixture
 from pbrdf_bayes.inference.least_squares import fit_least_squares
 from pbrdf_bayes.inference.map_fit import MapResult, find_map
-from pbrdf_bayes.inference.parameters import PHYSICAL
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
 from pbrdf_bayes.inference.residuals import (
     calibrated_residuals,
@@ -133,10 +128,9 @@ def _fit_posterior(
     with clock.stage("sample"):
         draws = _sample(posterior, optima, seed, clock.observer.progress)
     with clock.stage("identify"):
-        share = effective_share(best.lag1) if posterior.discrepancy is None else 1.0
+        share = effective_share(best.lag1)
         tempered = _tempered_draws(posterior, draws, share, seed)
         identifiability = assess_identifiability(posterior, draws.flat, tempered, share)
-        discrepancy = _discrepancy(posterior, draws, seed)
     with clock.stage("predict"):
         rng = np.random.default_rng([seed, 6])
         picked = draws.flat[rng.choice(len(draws.flat), _N_BAND_DRAWS)]
@@ -149,14 +143,14 @@ def _fit_posterior(
     diagnostics = run_diagnostics(
         config=config, draws=draws, optima=optima, residuals=best, best_rms_dex=best_rms,
         white_noise_dex=white_noise_dex(posterior), identifiability=identifiability,
-        covered=covered, holdout=holdout, discrepancy=discrepancy,
+        covered=covered, holdout=holdout,
     )  # fmt: skip
     return assemble(
         Stages(
             posterior=posterior, seed=seed, checks=checks, optima=optima, draws=draws,
             least_squares=(best_x, best_rms), residuals=residuals, best_dex=best.dex,
             identifiability=identifiability, diagnostics=diagnostics, curves=curves,
-            dhr_curves=dhr_curves, holdout=holdout, scales=scales, discrepancy=discrepancy,
+            dhr_curves=dhr_curves, holdout=holdout, scales=scales,
             normalisation_error=_normalisation_error(posterior, optima.best.x),
             microseconds=_microseconds(posterior, optima.best.x), timings=clock.timings,
         )
@@ -171,27 +165,6 @@ def _sample(
     mixture = laplace_mixture(posterior, optima)
     return sample_posterior(
         posterior, mixture, posterior.config, method=method, seed=seed, progress=progress
-    )
-
-
-def _discrepancy(posterior: Posterior, draws: Draws, seed: int) -> Discrepancy | None:
-    """Size of the discrepancy beside what independent readings would have claimed."""
-    if posterior.discrepancy is None:
-        return None
-    median = dict(zip(posterior.parameter_names, np.median(draws.flat, axis=0), strict=True))
-    config = posterior.config
-    priors = {name: t for name, t in config.priors.items() if name not in ("tau", "ell_deg")}
-    plain = build_posterior(posterior.measurement, replace(config, noise="iid", priors=priors))
-    optima = find_map(plain, n_starts=4, seed=seed)
-    factor = laplace_mixture(plain, optima).factors[0]
-    sd = np.sqrt(np.sum(factor**2, axis=1)) * np.where(plain.is_log, optima.best.x, 1.0)
-    theta_r = posterior.measurement.brdf.theta_r_deg
-    return Discrepancy(
-        tau=float(median["tau"]),
-        ell_deg=float(median["ell_deg"]),
-        span_deg=max(float(np.ptp(theta_r[scan.rows])) for scan in posterior.measurement.scans),
-        white_noise=max(float(v) for name, v in median.items() if name.startswith("s_rel_")),
-        claimed=dict(zip(PHYSICAL, sd[:4].tolist(), strict=True)),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from pbrdf_bayes.inference.holdout import Holdout
 from pbrdf_bayes.inference.map_fit import MapResult
 from pbrdf_bayes.inference.parameters import ParameterSpec
 from pbrdf_bayes.inference.posterior import Posterior
-from pbrdf_bayes.inference.residuals import Residuals, effective_share
+from pbrdf_bayes.inference.residuals import Residuals
 from pbrdf_bayes.inference.sampling import AUTOCORRELATION_TIMES, RHAT_LIMIT, Draws
 
 Array = NDArray[np.float64]
@@ -24,8 +24,6 @@ MISFIT_FAIL_DEX = 0.10
 NOISE_RATIO_WARN = 3.0
 LAG1_WARN = 0.2
 LAG1_FAIL = 0.5
-DISCREPANCY_WARN = 0.08
-DISCREPANCY_FAIL = 0.15
 CONTRACTION_WARN = 0.5
 BOUND_SHARE_WARN = 0.2
 BOUND_QUANTILE = 0.01
@@ -60,29 +58,6 @@ class Diagnostic:
     verdict: str
     statement: str
     advice: str = ""
-
-
-@dataclass(frozen=True)
-class Discrepancy:
-    """What a correlated misfit came to, and what independent readings would have claimed.
-
-    Attributes
-    ----------
-    tau, ell_deg : float
-        Posterior medians of amplitude [1, in ln BRDF] and length [deg].
-    span_deg : float
-        Longest scan [deg].
-    white_noise : float
-        Posterior median of the relative white noise, the largest of the polarisations [1].
-    claimed : mapping of str to float
-        Standard deviation of each physical parameter under the i.i.d. likelihood, at its optimum.
-    """
-
-    tau: float
-    ell_deg: float
-    span_deg: float
-    white_noise: float
-    claimed: Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +120,6 @@ def run_diagnostics(
     identifiability: Identifiability,
     covered: tuple[int, int],
     holdout: Holdout | None,
-    discrepancy: Discrepancy | None = None,
 ) -> tuple[Diagnostic, ...]:
     """All verdicts on a run, in the order of the report."""
     checks = [
@@ -156,14 +130,12 @@ def run_diagnostics(
         _identified(identifiability),
         _bounds(identifiability),
     ]
-    if discrepancy is not None:
-        checks.insert(0, _discrepancy(discrepancy))
-    elif np.isfinite(residuals.lag1):
+    if np.isfinite(residuals.lag1):
         checks.insert(0, _correlation(residuals, identifiability.share))
     if np.isfinite(best_rms_dex):
         checks.insert(0, _misfit(best_rms_dex, white_noise_dex))
     if covered[1]:
-        checks.append(_coverage(*covered, effective_share(residuals.lag1)))
+        checks.append(_coverage(*covered, identifiability.share))
     if holdout is not None:
         checks.append(_holdout(holdout))
     return tuple(checks)
@@ -219,32 +191,6 @@ def _correlation(residuals: Residuals, share: float) -> Diagnostic:
     statement = f"Residuals of neighbouring angles correlate with {residuals.lag1:.2f}."
     return Diagnostic(
         "residual_correlation", "Residual correlation", residuals.lag1, LAG1_FAIL, "1", verdict,
-        statement, advice,
-    )  # fmt: skip
-
-
-def _discrepancy(found: Discrepancy) -> Diagnostic:
-    """Too large, or so long that it is a second level of the scan: the model does not apply."""
-    too_long = found.tau > DISCREPANCY_WARN and found.ell_deg > 0.5 * found.span_deg
-    verdict = FAIL if too_long else _grade(found.tau, DISCREPANCY_WARN, DISCREPANCY_FAIL)
-    dex = found.tau / np.log(10.0)
-    statement = (
-        f"The model is off by {dex:.3f} dex ({100.0 * found.tau:.1f} %) along a scan, over lengths "
-        f"of {found.ell_deg:.0f} deg; the white noise is {100.0 * found.white_noise:.1f} %. "
-        "Independent readings would have claimed standard deviations of "
-        + ", ".join(f"{value:.2g} for {name}" for name, value in found.claimed.items())
-        + "."
-    )
-    advice = (
-        "The model does not apply: what it leaves is of the size of what it explains. The "
-        "intervals carry that label; look for the effect that is missing."
-        if verdict == FAIL
-        else "The intervals allow for it. Look at the residuals for the angle at which it starts."
-        if verdict == WARN
-        else ""
-    )
-    return Diagnostic(
-        "discrepancy", "Discrepancy of the model", found.tau, DISCREPANCY_FAIL, "1", verdict,
         statement, advice,
     )  # fmt: skip
 

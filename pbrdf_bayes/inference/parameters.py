@@ -46,7 +46,6 @@ _PHYSICAL = {
     "sigma_n0": ("σ_N0", "grazing-absorption factor: DHR = σ_N0 F", False),
     "rho0": ("ρ_0", "roughness: half width (HWHM) of the lobe at normal incidence", True),
 }
-_NEVER_FLAT = ("tau", "ell_deg")
 _POLARIZATION_WORDS = {"s": "s-polarised", "p": "p-polarised", "u": "unpolarised"}
 
 
@@ -74,19 +73,6 @@ def parameter_specs(measurement: Measurement, config: RunConfig) -> tuple[Parame
         )
         for q, word in _POLARIZATION_WORDS.items() if q in present
     ]  # fmt: skip
-    if config.noise == "correlated" and measurement.scans:
-        specs += [
-            ParameterSpec(
-                name="tau", symbol="τ", unit="1", kind="nuisance", log_coordinate=True,
-                description="amplitude of the model's discrepancy along a scan, in ln BRDF",
-                prior=NOISE_PRIORS["tau"],
-            ),
-            ParameterSpec(
-                name="ell_deg", symbol="ℓ", unit="deg", kind="nuisance", log_coordinate=True,
-                description="length of the model's discrepancy along θ_r",
-                prior=NOISE_PRIORS["ell_deg"],
-            ),
-        ]  # fmt: skip
     if np.isnan(measurement.dhr.u_value).any():
         specs.append(
             ParameterSpec(
@@ -112,10 +98,4 @@ def _with_user_prior(spec: ParameterSpec, priors: Mapping[str, Any]) -> Paramete
     if spec.name not in priors:
         return spec
     prior = prior_from_table(spec.name, priors[spec.name], spec.prior)
-    if spec.name in _NEVER_FLAT and prior.kind in ("uniform", "loguniform"):
-        msg = (
-            f"priors.{spec.name}: a flat prior lets the discrepancy take the place of the model. "
-            "Give a lognormal one, e.g. {kind = 'lognormal', median = 0.05, factor = 2.7}"
-        )
-        raise ConfigError(msg)
     return ParameterSpec(**{**spec.__dict__, "prior": prior})
