@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from itertools import pairwise
-from math import ceil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pbrdf_bayes.assemble import Stages, assemble, measurement_of
 from pbrdf_bayes.config import ACCURACIES, RunConfig
+from pbrdf_bayes.curves import count_covered, predict_curves, predict_dhr
 from pbrdf_bayes.data_checks import DataCheck, check_measurement
 from pbrdf_bayes.errors import RunFolderError
-from pbrdf_bayes.inference.bands import Bands, Targets, inside_band, predict_bands, scan_scales
+from pbrdf_bayes.inference.bands import Bands, Targets, predict_bands, scan_scales
 from pbrdf_bayes.inference.diagnostics import assess_identifiability, run_diagnostics
 from pbrdf_bayes.inference.holdout import run_holdout
 from pbrdf_bayes.inference.laplace import laplace_mixture
@@ -34,22 +32,21 @@ from pbrdf_bayes.inference.residuals import (
 )
 from pbrdf_bayes.inference.sampling import Draws, Progress, sample_posterior
 from pbrdf_bayes.io import run_folder
-from pbrdf_bayes.io.config_toml import config_from_table, config_table
+from pbrdf_bayes.io.config_toml import config_from_table, config_table, config_to_toml
 from pbrdf_bayes.io.tidy_csv import read_measurement
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.model import check_directions
 from pbrdf_bayes.physics.brdf import evaluate
 from pbrdf_bayes.report.page import render_report
 from pbrdf_bayes.results import Analysis
+from pbrdf_bayes.stages import Stages
+from pbrdf_bayes.summary import summarise
+from pbrdf_bayes.tree import build_tree, measurement_of
 
 Array = NDArray[np.float64]
 
 DEFAULT_SEED = 1
 _N_BAND_DRAWS = 400
-_CURVE_STEP_DEG = 1.0
-_CURVE_LIMIT_DEG = 85.0
-_DHR_ANGLES_DEG = np.linspace(0.0, 88.0, 89)
-_TEMPERED_ESS = 400
 
 
 @dataclass(frozen=True)
@@ -134,10 +131,10 @@ def _fit_posterior(
     with clock.stage("predict"):
         rng = np.random.default_rng([seed, 6])
         picked = draws.flat[rng.choice(len(draws.flat), _N_BAND_DRAWS)]
-        curves = _predicted_curves(posterior, picked, optima.best.x, rng)
-        dhr_curves = _predicted_dhr(posterior, picked, optima.best.x, rng)
+        curves = predict_curves(posterior, picked, optima.best.x, rng)
+        dhr_curves = predict_dhr(posterior, picked, optima.best.x, rng)
         scales = scan_scales(posterior, picked, rng)
-        covered = _covered(posterior, picked, optima.best.x, scales, rng)
+        covered = count_covered(posterior, picked, optima.best.x, scales, rng)
     with clock.stage("hold out"):
         holdout = run_holdout(posterior.measurement, config, seed=seed) if config.holdout else None
     diagnostics = run_diagnostics(
@@ -145,16 +142,17 @@ def _fit_posterior(
         white_noise_dex=white_noise_dex(posterior), identifiability=identifiability,
         covered=covered, holdout=holdout,
     )  # fmt: skip
-    return assemble(
-        Stages(
-            posterior=posterior, seed=seed, checks=checks, optima=optima, draws=draws,
-            least_squares=(best_x, best_rms), residuals=residuals, best_dex=best.dex,
-            identifiability=identifiability, diagnostics=diagnostics, curves=curves,
-            dhr_curves=dhr_curves, holdout=holdout, scales=scales,
-            normalisation_error=_normalisation_error(posterior, optima.best.x),
-            microseconds=_microseconds(posterior, optima.best.x), timings=clock.timings,
-        )
+    stages = Stages(
+        posterior=posterior, seed=seed, checks=checks, optima=optima, draws=draws,
+        least_squares=(best_x, best_rms), residuals=residuals, best_dex=best.dex,
+        identifiability=identifiability, diagnostics=diagnostics, curves=curves,
+        dhr_curves=dhr_curves, holdout=holdout, scales=scales,
+        normalisation_error=_normalisation_error(posterior, optima.best.x),
+        microseconds=_microseconds(posterior, optima.best.x), timings=clock.timings,
     )  # fmt: skip
+    return Analysis(
+        summary=summarise(stages), draws=build_tree(stages), config_toml=config_to_toml(config)
+    )
 
 
 def _sample(
@@ -177,81 +175,6 @@ def _tempered_draws(posterior: Posterior, draws: Draws, share: float, seed: int)
     optima = find_map(weak, n_starts=4, seed=seed)
     mixture = laplace_mixture(weak, optima)
     return sample_posterior(weak, mixture, draft, method="psis", seed=seed).flat
-
-
-def _predicted_curves(
-    posterior: Posterior, draws: Array, x_map: Array, rng: np.random.Generator
-) -> tuple[Targets, NDArray[np.bool_], Bands]:
-    """Curves at every measured incidence, s and p (u where measured), and between them."""
-    scans = posterior.measurement.scans
-    measured = {(s.theta_i_deg, s.phi_r_deg, s.polarization) for s in scans}
-    geometries = sorted({(theta, phi) for theta, phi, _ in measured})
-    wanted = [
-        (theta, phi, q)
-        for theta, phi in geometries
-        for q in ("s", "p", "u")
-        if q != "u" or (theta, phi, q) in measured
-    ]
-    between = posterior.config.predict_theta_i_deg or angles_between([g[0] for g in geometries])
-    wanted += [(theta, 0.0, q) for theta in between for q in ("s", "p")]
-    grid = np.arange(-_CURVE_LIMIT_DEG, _CURVE_LIMIT_DEG + 0.5, _CURVE_STEP_DEG)
-    targets = Targets(
-        polarization=np.repeat([q for _, _, q in wanted], grid.size),
-        theta_i_deg=np.repeat([theta for theta, _, _ in wanted], grid.size),
-        theta_r_deg=np.tile(grid, len(wanted)),
-        phi_r_deg=np.repeat([phi for _, phi, _ in wanted], grid.size),
-    )
-    flags = np.repeat([key in measured for key in wanted], grid.size)
-    return targets, flags, predict_bands(posterior, draws, x_map, targets, rng)
-
-
-def angles_between(measured_deg: Sequence[float]) -> tuple[float, ...]:
-    """Up to three incidence angles that were not measured: the middles of the widest gaps [deg]."""
-    if not measured_deg:
-        return (20.0, 45.0, 70.0)
-    distinct = sorted({0.0, *measured_deg, 80.0})
-    gaps = sorted(pairwise(distinct), key=lambda g: (g[0] - g[1], g[0]))
-    middles = [round(0.5 * (a + b), 1) for a, b in gaps[:3] if b - a >= 5.0]
-    return tuple(sorted(middles))
-
-
-def _predicted_dhr(
-    posterior: Posterior, draws: Array, x_map: Array, rng: np.random.Generator
-) -> tuple[Targets, NDArray[np.bool_], Bands]:
-    words = ["s", "p"]
-    if (
-        "u" in posterior.measurement.dhr.polarization
-        or "u" in posterior.measurement.brdf.polarization
-    ):
-        words.append("u")
-    n = _DHR_ANGLES_DEG.size
-    targets = Targets(
-        polarization=np.repeat(words, n),
-        theta_i_deg=np.tile(_DHR_ANGLES_DEG, len(words)),
-        theta_r_deg=np.full(n * len(words), np.nan),
-        phi_r_deg=np.zeros(n * len(words)),
-    )
-    flags = np.zeros(n * len(words), dtype=bool)
-    return targets, flags, predict_bands(posterior, draws, x_map, targets, rng)
-
-
-def _covered(
-    posterior: Posterior, draws: Array, x_map: Array, scales: Array | None, rng: np.random.Generator
-) -> tuple[int, int]:
-    """Number of BRDF readings inside the 90 % predictive band, and of readings looked at."""
-    brdf = posterior.measurement.brdf
-    if not len(brdf):
-        return 0, 0
-    every = max(1, ceil(len(brdf) / 20_000))
-    targets = Targets(
-        brdf.polarization[::every], brdf.theta_i_deg[::every],
-        brdf.theta_r_deg[::every], brdf.phi_r_deg[::every],
-    )  # fmt: skip
-    if scales is not None:
-        scales = np.repeat(scales, np.diff(posterior.rows.scan_start), axis=1)[:, ::every]
-    band = predict_bands(posterior, draws, x_map, targets, rng, scales=scales).predictive
-    inside = inside_band(brdf.value[::every], band, posterior.config.brdf_floor, rng)
-    return int(inside.sum()), inside.size
 
 
 def _normalisation_error(posterior: Posterior, x: Array) -> float:

@@ -189,27 +189,25 @@ def test_bad_input_is_two_and_writes_nothing(
     assert not (here / "run").exists()
 
 
-def test_check_of_a_file_with_one_bad_sample(
-    here: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        (HEADER + ROW.format(1) + "b,3.39,brdf,s,20,1,-5\n", ["a, 3.39 um: 1 BRDF", "b: not usable"]),
+        (
+            (HEADER + ROW.format(1) + ROW.format(2)).replace("\n", ",bad\n").replace(",bad", ",flag", 1),
+            ["a: not usable", "every row is flagged"],
+        ),
+    ],
+    ids=["one bad sample beside a good one", "every row flagged"],
+)  # fmt: skip
+def test_check_of_a_file_with_an_unusable_sample(
+    text: str, wanted: list[str], here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The good one is described, the bad one named; the exit code says that not all is well."""
-    text = HEADER + ROW.format(1) + "b,3.39,brdf,s,20,1,-5\n"
-    (here / "two.csv").write_text(text, encoding="utf-8")
-    assert run("check", "two.csv") == 2
+    """What is good is described, what is bad named; the exit code says that not all is well."""
+    (here / "some.csv").write_text(text, encoding="utf-8")
+    assert run("check", "some.csv") == 2
     captured = capsys.readouterr().out
-    assert "a, 3.39 um: 1 BRDF" in captured
-    assert "b: not usable" in captured
-
-
-def test_check_of_a_file_with_every_row_flagged(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    header, row = HEADER.replace("\n", ",flag\n"), ROW.replace("\n", ",bad\n")
-    (here / "flagged.csv").write_text(header + row.format(1) + row.format(2), encoding="utf-8")
-    assert run("check", "flagged.csv") == 2
-    captured = capsys.readouterr().out
-    assert "a: not usable" in captured
-    assert "every row is flagged" in captured
+    assert all(words in captured for words in wanted)
 
 
 def test_check_takes_the_floor_from_the_command_line_or_the_configuration(

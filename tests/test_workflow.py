@@ -16,6 +16,7 @@ from arviz_stats import ess, rhat
 from arviz_stats import summary as arviz_summary
 
 import pbrdf_bayes as pb
+from pbrdf_bayes.curves import angles_between
 from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.inference.bands import Targets
 from pbrdf_bayes.io.run_folder import finite_only, load_analysis, save_analysis, validate_summary
@@ -23,7 +24,6 @@ from pbrdf_bayes.measurement import select_scans
 from pbrdf_bayes.results import QUANTILES, Analysis
 from pbrdf_bayes.workflow import (
     Observer,
-    angles_between,
     fit_file,
     predict_from_analysis,
     rebuild_report,

@@ -14,6 +14,7 @@ from scipy.special import ndtri
 
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.residuals import floored, row_weights, scan_gains
+from pbrdf_bayes.measurement import Measurement, Readings
 from pbrdf_bayes.physics.geometry import prepare_geometry
 from pbrdf_bayes.results import QUANTILES
 
@@ -48,6 +49,23 @@ class Targets:
     def hemispherical(self) -> bool:
         """DHR instead of BRDF: there is no scattering direction."""
         return bool(np.isnan(self.theta_r_deg).all())
+
+
+def targets_at(readings: Readings, *, every: int = 1) -> Targets:
+    """The directions of readings, or of every so manyth one."""
+    return Targets(
+        readings.polarization[::every], readings.theta_i_deg[::every],
+        readings.theta_r_deg[::every], readings.phi_r_deg[::every],
+    )  # fmt: skip
+
+
+def expand_scales(
+    scales: Array | None, measurement: Measurement, *, every: int = 1
+) -> Array | None:
+    """Factors of scans, shape (n_draws, n_scans), at the BRDF readings, or every so manyth."""
+    if scales is None:
+        return None
+    return np.repeat(scales, [len(scan) for scan in measurement.scans], axis=1)[:, ::every]
 
 
 def predict_bands(

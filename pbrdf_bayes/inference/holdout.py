@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.config import RunConfig
-from pbrdf_bayes.inference.bands import Targets, inside_band, predict_bands
+from pbrdf_bayes.inference.bands import inside_band, predict_bands, targets_at
 from pbrdf_bayes.inference.laplace import laplace_mixture
 from pbrdf_bayes.inference.map_fit import find_map
 from pbrdf_bayes.inference.posterior import build_posterior
@@ -96,14 +96,13 @@ def run_holdout(measurement: Measurement, config: RunConfig, *, seed: int) -> Ho
     picked = draws.flat[rng.choice(len(draws.flat), _N_DRAWS)]
     left_out = select_scans(measurement, other, dhr=False)
     brdf = left_out.brdf
-    targets = Targets(brdf.polarization, brdf.theta_i_deg, brdf.theta_r_deg, brdf.phi_r_deg)
     noise = float(optima.best.x[posterior.rows.noise_column[0]])
     weight = weight_beside_floor(brdf.value, config.brdf_floor, noise)
     weight[brdf.value <= config.brdf_floor] = 0.0
     shapes_only = config.brdf_scale == "relative"
     if shapes_only:
         posterior = replace(posterior, rows=posterior.rows._replace(u_cal2=0.0))
-    band = predict_bands(posterior, picked, optima.best.x, targets, rng).predictive
+    band = predict_bands(posterior, picked, optima.best.x, targets_at(brdf), rng).predictive
     if shapes_only:
         band = _scaled_to_scans(left_out, band, weight)
     inside = inside_band(brdf.value, band, config.brdf_floor, rng)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.inference.arviz_adapter import pareto_smooth
-from pbrdf_bayes.inference.mixture import Mixture, fit_mixture
+from pbrdf_bayes.inference.mixture import Mixture, fit_mixture, resample
 from pbrdf_bayes.inference.posterior import Posterior
 
 Array = NDArray[np.float64]
@@ -145,9 +145,7 @@ def importance_sample(
     smoothed, k_hat = pareto_smooth(log_weights[inside])
     weights = np.exp(smoothed - np.max(smoothed))
     weights /= weights.sum()
-    steps = (rng.random() + np.arange(n_draws)) / n_draws
-    chosen = np.minimum(np.searchsorted(np.cumsum(weights), steps), weights.size - 1)
-    chosen = rng.permutation(np.flatnonzero(inside)[chosen])
+    chosen = rng.permutation(np.flatnonzero(inside)[resample(weights, n_draws, rng)])
     return ImportanceDraws(
         z[chosen], log_prob[chosen], k_hat, float(1.0 / np.sum(weights**2)), n_proposals
     )

@@ -88,7 +88,7 @@ def fit_mixture(z: Array, weights: Array, n_components: int, rng: np.random.Gene
     mean = weights @ z
     overall = _covariance(z - mean, weights)
     if len(z) > _FITTED_POINTS:
-        chosen = np.searchsorted(np.cumsum(weights), _systematic(rng, _FITTED_POINTS))
+        chosen = resample(weights, _FITTED_POINTS, rng)
         z, weights = z[chosen], np.full(_FITTED_POINTS, 1.0 / _FITTED_POINTS)
     whitened = np.linalg.solve(np.linalg.cholesky(overall), (z - mean).T).T
     centres = z[_spread_out(whitened, weights, n_components, rng)]
@@ -107,9 +107,10 @@ def fit_mixture(z: Array, weights: Array, n_components: int, rng: np.random.Gene
     )
 
 
-def _systematic(rng: np.random.Generator, size: int) -> Array:
-    """Evenly spaced probabilities with a random start, shape (size,)."""
-    return np.asarray((rng.random() + np.arange(size)) / (size * (1.0 + 1e-12)))
+def resample(weights: Array, size: int, rng: np.random.Generator) -> NDArray[np.int64]:
+    """Indices drawn by normalised weights, by even steps from a random start, shape (size,)."""
+    steps = (rng.random() + np.arange(size)) / size
+    return np.minimum(np.searchsorted(np.cumsum(weights), steps), weights.size - 1)
 
 
 def _em_step(mixture: Mixture, z: Array, weights: Array, overall: Array) -> Mixture:

@@ -1,0 +1,43 @@
+"""What the stages of a fit produced, as one record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbrdf_bayes.data_checks import DataCheck
+from pbrdf_bayes.inference.bands import Bands, Targets
+from pbrdf_bayes.inference.diagnostics import Diagnostic, Identifiability
+from pbrdf_bayes.inference.holdout import Holdout
+from pbrdf_bayes.inference.map_fit import MapResult
+from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.inference.residuals import Residuals
+from pbrdf_bayes.inference.sampling import Draws
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Stages:
+    """What the stages of a fit produced, before it is put together."""
+
+    posterior: Posterior
+    seed: int
+    checks: tuple[DataCheck, ...]
+    optima: MapResult
+    draws: Draws
+    least_squares: tuple[Array, float]
+    residuals: Residuals
+    best_dex: Array
+    identifiability: Identifiability
+    diagnostics: tuple[Diagnostic, ...]
+    curves: tuple[Targets, NDArray[np.bool_], Bands]
+    dhr_curves: tuple[Targets, NDArray[np.bool_], Bands]
+    holdout: Holdout | None
+    scales: Array | None
+    normalisation_error: float
+    microseconds: float
+    timings: Mapping[str, float]

@@ -1,0 +1,220 @@
+"""The summary of a run: every number and sentence that is not an array."""
+
+from __future__ import annotations
+
+import platform
+from dataclasses import asdict
+from datetime import UTC, datetime
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+
+from pbrdf_bayes import __version__
+from pbrdf_bayes.config import RunConfig
+from pbrdf_bayes.inference.diagnostics import (
+    CONTRACTION_WARN,
+    FAIL,
+    WARN,
+    contraction,
+    overall_verdict,
+)
+from pbrdf_bayes.inference.holdout import Holdout
+from pbrdf_bayes.inference.sampling import Draws
+from pbrdf_bayes.io.config_toml import config_table
+from pbrdf_bayes.results import SCHEMA_VERSION
+from pbrdf_bayes.stages import Stages
+
+_PACKAGES = (
+    "numpy", "scipy", "numba", "emcee", "nlopt", "arviz-stats", "xarray", "matplotlib",
+)  # fmt: skip
+
+
+def summarise(s: Stages) -> dict[str, Any]:
+    """The content of ``summary.json``; its schema is in ``pbrdf_bayes/io``."""
+    m, config = s.posterior.measurement, s.posterior.config
+    verdict = overall_verdict([d.verdict for d in s.diagnostics] + [c.verdict for c in s.checks])
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "sample": m.sample,
+        "wavelength_um": m.wavelength_um,
+        "created_utc": datetime.now(UTC).isoformat(timespec="seconds"),
+        "status": "done" if s.draws.converged else "not_converged",
+        "verdict": verdict,
+        "headline": _headline(s, verdict),
+        "input": _input(s),
+        "config": config_table(config),
+        "versions": _versions(),
+        "platform": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
+        "seed": s.seed,
+        "effects": list(config.effects),
+        "line_shape": config.line_shape,
+        "parameters": _parameters(s),
+        "correlation": {
+            "names": list(s.posterior.parameter_names),
+            "matrix": np.corrcoef(s.draws.flat.T).tolist(),
+        },
+        "diagnostics": {
+            d.name: {k: v for k, v in asdict(d).items() if k != "name"} for d in s.diagnostics
+        },
+        "fit": _fit(s),
+        "map": _map(s),
+        "sampling": _sampling(s.draws, config),
+        "accuracy": {
+            "level": config.accuracy,
+            "rtol": config.rtol,
+            "normalisation_error": s.normalisation_error,
+            "microseconds_per_evaluation": s.microseconds,
+        },
+        "holdout": _holdout(s.holdout),
+        "timings": dict(s.timings),
+    }
+
+
+def _headline(s: Stages, verdict: str) -> str:
+    if not s.draws.converged:
+        return "The sampler did not converge within its budget: these numbers are provisional."
+    worst = [d for d in s.diagnostics if d.verdict == verdict]
+    if verdict == FAIL and worst:
+        return f"Not usable as material constants: {worst[0].statement}"
+    if verdict == WARN and worst:
+        return f"Usable with care: {worst[0].statement}"
+    if verdict in (FAIL, WARN):
+        check = next(c for c in s.checks if c.verdict == verdict)
+        return f"Look at the data first: {check.statement}"
+    rms = s.least_squares[1]
+    if np.isnan(rms):
+        return "The four-parameter model describes the DHR readings; see what they do not identify."
+    return (
+        f"The four-parameter model describes the readings to {rms:.3f} dex rms "
+        f"({100 * (10**rms - 1):.1f} %), and every check passes."
+    )
+
+
+def _input(s: Stages) -> dict[str, Any]:
+    m = s.posterior.measurement
+    scans = [
+        {
+            "label": scan.label,
+            "polarization": scan.polarization,
+            "theta_i_deg": scan.theta_i_deg,
+            "phi_r_deg": scan.phi_r_deg,
+            "n": len(scan),
+            "theta_r_min_deg": m.brdf.theta_r_deg[scan.rows].min(),
+            "theta_r_max_deg": m.brdf.theta_r_deg[scan.rows].max(),
+            "value_min": m.brdf.value[scan.rows].min(),
+            "value_max": m.brdf.value[scan.rows].max(),
+            "rms_dex": s.residuals.scan_rms[i],
+            "bias_dex": s.residuals.scan_bias[i],
+            "lag1": s.residuals.scan_lag1[i],
+            "scale": 1.0 if s.scales is None else s.scales[:, i].mean(),
+            "u_scale": 0.0 if s.scales is None else s.scales[:, i].std(),
+        }
+        for i, scan in enumerate(m.scans)
+    ]
+    return {
+        "file": m.source,
+        "sha256": m.sha256,
+        "n_brdf": len(m.brdf),
+        "n_dhr": len(m.dhr),
+        "excluded": dict(m.excluded),
+        "warnings": list(m.warnings),
+        "checks": [asdict(check) for check in s.checks],
+        "scans": scans,
+    }
+
+
+def _versions() -> dict[str, str]:
+    found = {"pbrdf-bayes": __version__}
+    for name in _PACKAGES:
+        found[name] = metadata.version(name)
+    return found
+
+
+def _parameters(s: Stages) -> dict[str, Any]:
+    flat, draws = s.draws.flat, s.draws
+    honest = dict(zip(s.identifiability.names, s.identifiability.honest, strict=True))
+    table = {}
+    for i, spec in enumerate(s.posterior.specs):
+        values = flat[:, i]
+        q025, q05, median, q95, q975 = np.quantile(values, [0.025, 0.05, 0.5, 0.95, 0.975])
+        prior_sd = spec.prior.standard_deviation
+        explained = contraction(spec, values)
+        table[spec.name] = {
+            "symbol": spec.symbol, "unit": spec.unit, "description": spec.description,
+            "kind": spec.kind, "mean": values.mean(), "sd": values.std(ddof=1),
+            "median": median, "q05": q05, "q95": q95, "q025": q025, "q975": q975,
+            "map": s.optima.best.x[i], "ess_bulk": draws.ess_bulk[i],
+            "ess_tail": draws.ess_tail[i], "rhat": draws.rhat[i],
+            "mcse_mean": draws.mcse_mean[i], "prior": spec.prior.describe(),
+            "prior_sd": prior_sd, "contraction": explained,
+            "identified": bool(honest.get(spec.name, explained) >= CONTRACTION_WARN),
+        }  # fmt: skip
+        if spec.name in honest:
+            table[spec.name]["contraction_effective"] = honest[spec.name]
+    return table
+
+
+def _fit(s: Stages) -> dict[str, Any]:
+    labels = [scan.label for scan in s.posterior.measurement.scans]
+    x, rms = s.least_squares
+    return {
+        "rms_dex": {
+            "overall": s.residuals.rms,
+            "scans": dict(zip(labels, s.residuals.scan_rms, strict=True)),
+        },
+        "rms_dex_best": {
+            "overall": rms,
+            "parameters": dict(zip(s.posterior.parameter_names[:4], x[:4], strict=True)),
+        },
+        "lag1": {
+            "overall": s.residuals.lag1,
+            "scans": dict(zip(labels, s.residuals.scan_lag1, strict=True)),
+        },
+    }
+
+
+def _map(s: Stages) -> dict[str, Any]:
+    names = s.posterior.parameter_names
+    return {
+        "n_starts": s.optima.n_starts,
+        "optima": [
+            {
+                "log_posterior": o.log_posterior,
+                "delta": o.log_posterior - s.optima.best.log_posterior,
+                "n_starts": o.n_starts,
+                "parameters": dict(zip(names, o.x, strict=True)),
+            }
+            for o in s.optima.optima
+        ],
+    }
+
+
+def _sampling(draws: Draws, config: RunConfig) -> dict[str, Any]:
+    return {
+        "method": draws.method,
+        "n_ensembles": len(np.unique(draws.ensemble)),
+        "n_walkers": config.n_walkers if draws.method == "emcee" else 1,
+        "n_steps": draws.n_steps,
+        "n_burn": draws.n_burn,
+        "thin": draws.thin,
+        "n_draws": draws.x.shape[0] * draws.x.shape[1],
+        "acceptance": draws.acceptance.mean(),
+        "autocorrelation_time": draws.autocorrelation_time,
+        "k_hat": draws.k_hat,
+        "moves": draws.moves,
+        "n_evaluations": draws.n_evaluations,
+    }
+
+
+def _holdout(found: Holdout | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    return {
+        "fitted": found.fitted,
+        "rms_dex": found.rms_dex,
+        "coverage_90": found.coverage_90,
+        "width_dex": found.width_dex,
+        "statement": found.statement,
+        "scans": list(found.scans),
+    }

@@ -1,0 +1,204 @@
+"""The arrays of a run as one tree, and the measurement back out of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from pbrdf_bayes.inference.bands import (
+    expand_scales,
+    replicate_brdf,
+    replicate_dhr,
+    scan_scales,
+    targets_at,
+)
+from pbrdf_bayes.measurement import Measurement, measurement_from_columns
+from pbrdf_bayes.results import QUANTILES, Analysis
+from pbrdf_bayes.stages import Stages
+
+Array = NDArray[np.float64]
+
+_N_PRIOR = 4000
+_MAX_PREDICTIVE = 400_000
+
+
+def build_tree(s: Stages) -> xr.DataTree:
+    """The content of ``posterior.nc``, see `pbrdf_bayes.results`."""
+    names = s.posterior.parameter_names
+    draws = s.draws
+    prior = s.posterior.sample_prior(np.random.default_rng([s.seed, 4]), _N_PRIOR)
+    chain_draw = ("chain", "draw")
+    groups = {
+        "posterior": xr.Dataset(
+            {name: (chain_draw, draws.x[:, :, i]) for i, name in enumerate(names)},
+            coords={**_index("chain", draws.x.shape[0]), **_index("draw", draws.x.shape[1]),
+                    "ensemble": ("chain", draws.ensemble)},
+            attrs={"sampling": draws.method, "units": "physical"},
+        ),
+        "sample_stats": xr.Dataset(
+            {"lp": (chain_draw, draws.log_prob), "acceptance_rate": ("chain", draws.acceptance)},
+            coords={**_index("chain", draws.x.shape[0]), **_index("draw", draws.x.shape[1])},
+        ),
+        "prior": xr.Dataset(
+            {name: (chain_draw, prior[None, :, i]) for i, name in enumerate(names)},
+            coords={**_index("chain", 1), **_index("draw", _N_PRIOR)},
+        ),
+        "posterior_predictive": _predictive(s),
+        "observed_data": _observed(s.posterior.measurement),
+        "constant_data": _constant(s),
+        "curves": _curves(s),
+        "dhr_curves": _dhr_curves(s),
+    }  # fmt: skip
+    if s.holdout is not None:
+        groups["holdout"] = xr.Dataset(
+            {
+                "scan": ("holdout_obs", s.holdout.scan.astype(object)),
+                "theta_r_deg": ("holdout_obs", s.holdout.theta_r_deg),
+                "value": ("holdout_obs", s.holdout.value),
+                "predictive_band": (("holdout_obs", "quantile"), s.holdout.predictive_band),
+            },
+            coords={"quantile": np.array(QUANTILES)},
+        )
+    return xr.DataTree.from_dict(groups)
+
+
+def _index(name: str, size: int) -> dict[str, NDArray[np.int64]]:
+    return {name: np.arange(size)}
+
+
+def _predictive(s: Stages) -> xr.Dataset:
+    """Replicated readings; as many draws as a file of bearable size allows, at most 100."""
+    m = s.posterior.measurement
+    rng = np.random.default_rng([s.seed, 5])
+    n_draws = int(np.clip(_MAX_PREDICTIVE // max(m.n_obs, 1), 4, 100))
+    picked = s.draws.flat[rng.choice(len(s.draws.flat), n_draws)]
+    brdf, dhr = s.posterior.predict(picked)
+    scales = expand_scales(scan_scales(s.posterior, picked, rng), m)
+    brdf = replicate_brdf(s.posterior, picked, brdf, targets_at(m.brdf), rng, scales=scales)
+    dhr = replicate_dhr(s.posterior, picked, dhr, m.dhr.polarization, rng)
+    return xr.Dataset(
+        {
+            "brdf": (("chain", "draw", "brdf_obs"), brdf[None].astype(np.float32)),
+            "dhr": (("chain", "draw", "dhr_obs"), dhr[None].astype(np.float32)),
+        },
+        coords={**_index("chain", 1), **_index("draw", n_draws)},
+    )
+
+
+def _observed(m: Measurement) -> xr.Dataset:
+    return xr.Dataset({"brdf": ("brdf_obs", m.brdf.value), "dhr": ("dhr_obs", m.dhr.value)})
+
+
+def _constant(s: Stages) -> xr.Dataset:
+    m = s.posterior.measurement
+    brdf, dhr = s.posterior.predict(s.optima.best.x[None, :])
+    scan = np.repeat(np.arange(len(m.scans)), [len(scan) for scan in m.scans])
+    best = m.brdf.value / 10.0**s.best_dex
+    labels = np.array([scan.label for scan in m.scans], dtype=object)
+    over_brdf = {
+        "brdf_polarization": m.brdf.polarization.astype(object),
+        "brdf_theta_i_deg": m.brdf.theta_i_deg,
+        "brdf_theta_r_deg": m.brdf.theta_r_deg,
+        "brdf_phi_r_deg": m.brdf.phi_r_deg,
+        "brdf_scan": scan,
+        "brdf_u": m.brdf.u_value,
+        "brdf_repeated": m.brdf.repeated,
+        "brdf_row": m.brdf.row,
+        "brdf_map": brdf[0],
+        "brdf_best": best,
+    }
+    over_dhr = {
+        "dhr_polarization": m.dhr.polarization.astype(object),
+        "dhr_theta_i_deg": m.dhr.theta_i_deg,
+        "dhr_u": m.dhr.u_value,
+        "dhr_row": m.dhr.row,
+        "dhr_map": dhr[0],
+    }
+    return xr.Dataset(
+        {name: ("brdf_obs", values) for name, values in over_brdf.items()}
+        | {name: ("dhr_obs", values) for name, values in over_dhr.items()},
+        coords={"scan": ("scan", labels)},
+    )
+
+
+def _curves(s: Stages) -> xr.Dataset:
+    targets, measured, bands = s.curves
+    n_angles = len(np.unique(targets.theta_r_deg))
+    shape = (-1, n_angles)
+    dims = ("curve", "theta_r_deg")
+
+    def first(values: NDArray[Any]) -> NDArray[Any]:
+        return values.reshape(shape)[:, 0] if values.size else values
+
+    return xr.Dataset(
+        {
+            "model_band": ((*dims, "quantile"), bands.model.reshape(*shape, len(QUANTILES))),
+            "predictive_band": (
+                (*dims, "quantile"), bands.predictive.reshape(*shape, len(QUANTILES))),
+            "map": (dims, bands.at_map.reshape(shape)),
+        },
+        coords={
+            "theta_r_deg": targets.theta_r_deg[:n_angles],
+            "quantile": np.array(QUANTILES),
+            "curve_polarization": ("curve", first(targets.polarization).astype(object)),
+            "curve_theta_i_deg": ("curve", first(targets.theta_i_deg)),
+            "curve_phi_r_deg": ("curve", first(targets.phi_r_deg)),
+            "curve_measured": ("curve", first(measured)),
+        },
+    )  # fmt: skip
+
+
+def _dhr_curves(s: Stages) -> xr.Dataset:
+    targets, _, bands = s.dhr_curves
+    words = list(dict.fromkeys(targets.polarization.tolist()))
+    shape = (len(words), -1)
+    return xr.Dataset(
+        {
+            "model_band": (
+                ("polarization", "theta_i_deg", "quantile"),
+                bands.model.reshape(*shape, len(QUANTILES)),
+            ),
+            "predictive_band": (
+                ("polarization", "theta_i_deg", "quantile"),
+                bands.predictive.reshape(*shape, len(QUANTILES)),
+            ),
+            "map": (("polarization", "theta_i_deg"), bands.at_map.reshape(shape)),
+        },
+        coords={
+            "polarization": np.array(words, dtype=object),
+            "theta_i_deg": targets.theta_i_deg.reshape(shape)[0],
+            "quantile": np.array(QUANTILES),
+        },
+    )
+
+
+def measurement_of(analysis: Analysis) -> Measurement:
+    """The measurement a run was made from, out of its arrays."""
+    seen = analysis.draws["observed_data"].to_dataset()
+    fixed = analysis.draws["constant_data"].to_dataset()
+    n_brdf, n_dhr = seen["brdf"].size, seen["dhr"].size
+    labels = [str(label) for label in fixed["scan"].values]
+    scan = [labels[int(i)] for i in fixed["brdf_scan"].values]
+
+    def both(name: str, dhr_fill: float | None = None) -> Array:
+        dhr = np.full(n_dhr, dhr_fill) if dhr_fill is not None else fixed[f"dhr_{name}"].values
+        return np.concatenate([fixed[f"brdf_{name}"].values, dhr])
+
+    return measurement_from_columns(
+        sample=str(analysis.summary["sample"]),
+        wavelength_um=float(analysis.summary["wavelength_um"]),
+        quantity=["brdf"] * n_brdf + ["dhr"] * n_dhr,
+        polarization=both("polarization").astype(str),
+        theta_i_deg=both("theta_i_deg"),
+        theta_r_deg=both("theta_r_deg", np.nan),
+        phi_r_deg=both("phi_r_deg", 0.0),
+        value=np.concatenate([seen["brdf"].values, seen["dhr"].values]),
+        sigma=both("u"),
+        scan=scan + [""] * n_dhr,
+        row=both("row"),
+        source=str(analysis.summary["input"]["file"]),
+        sha256=str(analysis.summary["input"]["sha256"]),
+    )
