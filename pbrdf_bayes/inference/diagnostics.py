@@ -264,7 +264,8 @@ def _identified(found: Identifiability) -> Diagnostic:
     statement = (
         f"Not identified by the data: {', '.join(weak)} (variance explained by the data{basis})."
         if weak
-        else f"The data explain at least {100 * value:.0f} % of every prior variance{basis}."
+        else f"The data explain at least {min(np.floor(1000.0 * value) / 10.0, 99.9):g} % of every "
+        f"prior variance{basis}."
     )
     return Diagnostic(
         "identifiability", "Identifiability", value, CONTRACTION_WARN, "1", verdict, statement,

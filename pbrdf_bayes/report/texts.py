@@ -104,7 +104,8 @@ def model_text(summary: Record) -> str:
     config = summary["config"]
     noise = {"iid": "independent noise"}.get(config.get("noise"), config.get("noise", MISSING))
     return (
-        f"Four-parameter model (n, k, σ_N0, ρ_0) with the {summary['line_shape']} line shape. "
+        f"Four-parameter model (n, k, σ_N0, ρ_0) with the "
+        f"{summary['line_shape'].capitalize()} line shape. "
         f"Effects added: {effects}. BRDF readings enter by their logarithm, with {noise}; the "
         f"scale of the scans is {config.get('brdf_scale', MISSING)}. "
         f"Preset of priors: {config.get('prior', MISSING)}."
@@ -160,7 +161,7 @@ def _plain(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, (int, float)):
-        return count(value) if isinstance(value, int) else number(value, digits=4)
+        return count(value) if isinstance(value, int) else number(value)
     return str(value) if value not in (None, "") else MISSING
 
 
