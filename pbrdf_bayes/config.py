@@ -9,7 +9,7 @@ from typing import Any
 
 from pbrdf_bayes.errors import ConfigError
 
-NOISES = ("iid",)
+NOISES = ("correlated", "iid")
 EFFECTS: tuple[str, ...] = ()
 LINE_SHAPES = ("lorentzian",)
 PRIOR_PRESETS = ("paint", "dielectric", "metal")
@@ -38,8 +38,9 @@ class RunConfig:
 
     Attributes
     ----------
-    noise : {"iid"}
-        Likelihood of the BRDF rows.
+    noise : {"correlated", "iid"}
+        Likelihood of the BRDF rows: with a discrepancy of the model that is correlated along
+        theta_r, or with independent readings.
     effects : tuple of str
         Effects added to the four-parameter model; empty is exactly the model of the 2011 paper.
     line_shape : {"lorentzian"}

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pbrdf_bayes.data_checks import DataCheck
 from pbrdf_bayes.inference.bands import Bands, Targets
 from pbrdf_bayes.inference.diagnostics import Diagnostic, Identifiability
+from pbrdf_bayes.inference.discrepancy_size import DiscrepancySize
 from pbrdf_bayes.inference.holdout import Holdout
 from pbrdf_bayes.inference.map_fit import MapResult
 from pbrdf_bayes.inference.posterior import Posterior
@@ -38,6 +39,7 @@ class Stages:
     dhr_curves: tuple[Targets, NDArray[np.bool_], Bands]
     holdout: Holdout | None
     scales: Array | None
+    discrepancy: DiscrepancySize | None
     normalisation_error: float
     microseconds: float
     timings: Mapping[str, float]

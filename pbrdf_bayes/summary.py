@@ -58,6 +58,7 @@ def summarise(s: Stages) -> dict[str, Any]:
             d.name: {k: v for k, v in asdict(d).items() if k != "name"} for d in s.diagnostics
         },
         "fit": _fit(s),
+        "discrepancy": None if s.discrepancy is None else asdict(s.discrepancy),
         "map": _map(s),
         "sampling": _sampling(s.draws, config),
         "accuracy": {

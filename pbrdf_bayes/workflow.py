@@ -19,6 +19,7 @@ from pbrdf_bayes.data_checks import DataCheck, check_measurement
 from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.inference.bands import Bands, Targets, predict_bands, scan_scales
 from pbrdf_bayes.inference.diagnostics import assess_identifiability, run_diagnostics
+from pbrdf_bayes.inference.discrepancy_size import measure_discrepancy
 from pbrdf_bayes.inference.holdout import run_holdout
 from pbrdf_bayes.inference.laplace import laplace_mixture
 from pbrdf_bayes.inference.least_squares import fit_least_squares
@@ -125,9 +126,10 @@ def _fit_posterior(
     with clock.stage("sample"):
         draws = _sample(posterior, optima, seed, clock.observer.progress)
     with clock.stage("identify"):
-        share = effective_share(best.lag1)
+        share = effective_share(best.lag1) if posterior.discrepancy is None else 1.0
         tempered = _tempered_draws(posterior, draws, share, seed)
         identifiability = assess_identifiability(posterior, draws.flat, tempered, share)
+        discrepancy = measure_discrepancy(posterior, draws.flat, seed=seed)
     with clock.stage("predict"):
         rng = np.random.default_rng([seed, 6])
         picked = draws.flat[rng.choice(len(draws.flat), _N_BAND_DRAWS)]
@@ -140,13 +142,13 @@ def _fit_posterior(
     diagnostics = run_diagnostics(
         config=config, draws=draws, optima=optima, residuals=best, best_rms_dex=best_rms,
         white_noise_dex=white_noise_dex(posterior), identifiability=identifiability,
-        covered=covered, holdout=holdout,
+        covered=covered, holdout=holdout, discrepancy=discrepancy,
     )  # fmt: skip
     stages = Stages(
         posterior=posterior, seed=seed, checks=checks, optima=optima, draws=draws,
         least_squares=(best_x, best_rms), residuals=residuals, best_dex=best.dex,
         identifiability=identifiability, diagnostics=diagnostics, curves=curves,
-        dhr_curves=dhr_curves, holdout=holdout, scales=scales,
+        dhr_curves=dhr_curves, holdout=holdout, scales=scales, discrepancy=discrepancy,
         normalisation_error=_normalisation_error(posterior, optima.best.x),
         microseconds=_microseconds(posterior, optima.best.x), timings=clock.timings,
     )  # fmt: skip

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from pbrdf_bayes.inference.correlated_likelihood import precision_times
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.residuals import floored, row_weights, scan_gains
 from pbrdf_bayes.measurement import Measurement, Readings
@@ -160,8 +161,10 @@ def replicate_brdf(
     posterior: Posterior, draws: Array, curves: Array, targets: Targets, rng: np.random.Generator,
     *, scales: Array | None = None,
 ) -> Array:  # fmt: skip
-    """New readings [sr^-1] for curves of shape (n_draws, n_points): gain of the scan, noise, floor.
+    """New readings [sr^-1] for curves of shape (n_draws, n_points).
 
+    Gain of the scan, discrepancy of the model, noise and floor; the discrepancy of each point by
+    itself, as a band point by point needs it.
     A polarisation without a scan of its own takes the largest noise of the others.
     """
     if not targets.polarization.size:
@@ -177,6 +180,9 @@ def replicate_brdf(
     gain = min(np.sqrt(posterior.rows.u_cal2), 1.0) * gains[:, scan]
     if scales is not None:
         gain = np.log(scales)
+    if "tau" in names:
+        tau = draws[:, names.index("tau")][:, None]
+        gain = gain + tau * stratified_normal(rng, curves.shape)
     floor = posterior.config.brdf_floor
     f2 = np.maximum(curves, 1e-280) ** 2
     stated2 = _stated_variance(posterior, targets.polarization)
@@ -208,6 +214,9 @@ def scan_scales(posterior: Posterior, draws: Array, rng: np.random.Generator) ->
     residual = rows.y - floored(np.log(np.maximum(curves, 1e-280)), rows.floor2)
     result = np.empty((len(draws), rows.noise_column.size))
     for i, x in enumerate(draws):
+        if posterior.discrepancy is not None:
+            result[i] = _scales_beside_discrepancy(posterior, x, residual[i], curves[i], rng)
+            continue
         weight = row_weights(posterior, x)
         shares = np.add.reduceat(weight, rows.scan_start[:-1])
         s2 = x[rows.noise_column] ** 2
@@ -215,6 +224,33 @@ def scan_scales(posterior: Posterior, draws: Array, rng: np.random.Generator) ->
         centre = scan_gains(posterior, x, residual[i], weight)
         result[i] = np.exp(centre + sd * rng.standard_normal(sd.size))
     return result
+
+
+def _scales_beside_discrepancy(
+    posterior: Posterior, x: Array, residual: Array, curve: Array, rng: np.random.Generator
+) -> Array:
+    """One draw of the calibration factors where the rows share a discrepancy, shape (n_scans,).
+
+    The gains c of the scans, B their indicators, have the posterior mean u^2 B' K^-1 r and the
+    covariance u^2 I - u^4 B' K^-1 B.
+    """
+    rows, law = posterior.rows, posterior.discrepancy
+    assert law is not None
+    scan = np.repeat(np.arange(rows.noise_column.size), np.diff(rows.scan_start))
+    of_scan = law.group_of_scan
+    rank = np.array([int(np.sum(of_scan[:j] == of_scan[j])) for j in range(of_scan.size)])
+    indicators = (rank[scan] == np.arange(rank.max() + 1)[:, None]).astype(np.float64)
+    floor2 = rows.floor2
+    extra = law.stated2 + floor2 / (curve**2 + floor2) if floor2 > 0.0 else law.stated2
+    solved = precision_times(rows, law, x, extra, np.concatenate([residual[None], indicators]))
+    sums = np.add.reduceat(solved, rows.scan_start[:-1], axis=1)
+    same = of_scan[:, None] == of_scan
+    u2 = rows.u_cal2
+    covariance = u2 * np.eye(scan.max() + 1) - u2**2 * np.where(same, sums[1 + rank].T, 0.0)
+    covariance = 0.5 * (covariance + covariance.T)
+    values, vectors = np.linalg.eigh(covariance)
+    step = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(values.size))
+    return np.asarray(np.exp(u2 * sums[0] + step))
 
 
 def replicate_dhr(

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from pbrdf_bayes.config import RunConfig
+from pbrdf_bayes.inference.discrepancy_size import DiscrepancySize
 from pbrdf_bayes.inference.holdout import Holdout
 from pbrdf_bayes.inference.map_fit import MapResult
 from pbrdf_bayes.inference.parameters import ParameterSpec
 from pbrdf_bayes.inference.posterior import Posterior
-from pbrdf_bayes.inference.residuals import Residuals
+from pbrdf_bayes.inference.residuals import Residuals, effective_share
 from pbrdf_bayes.inference.sampling import AUTOCORRELATION_TIMES, RHAT_LIMIT, Draws
 
 Array = NDArray[np.float64]
@@ -24,6 +25,8 @@ MISFIT_FAIL_DEX = 0.10
 NOISE_RATIO_WARN = 3.0
 LAG1_WARN = 0.2
 LAG1_FAIL = 0.5
+DISCREPANCY_WARN = 0.08
+DISCREPANCY_FAIL = 0.15
 CONTRACTION_WARN = 0.5
 BOUND_SHARE_WARN = 0.2
 BOUND_QUANTILE = 0.01
@@ -120,6 +123,7 @@ def run_diagnostics(
     identifiability: Identifiability,
     covered: tuple[int, int],
     holdout: Holdout | None,
+    discrepancy: DiscrepancySize | None = None,
 ) -> tuple[Diagnostic, ...]:
     """All verdicts on a run, in the order of the report."""
     checks = [
@@ -130,12 +134,14 @@ def run_diagnostics(
         _identified(identifiability),
         _bounds(identifiability),
     ]
-    if np.isfinite(residuals.lag1):
+    if discrepancy is not None:
+        checks.insert(0, _discrepancy(discrepancy))
+    elif np.isfinite(residuals.lag1):
         checks.insert(0, _correlation(residuals, identifiability.share))
     if np.isfinite(best_rms_dex):
         checks.insert(0, _misfit(best_rms_dex, white_noise_dex))
     if covered[1]:
-        checks.append(_coverage(*covered, identifiability.share))
+        checks.append(_coverage(*covered, effective_share(residuals.lag1)))
     if holdout is not None:
         checks.append(_holdout(holdout))
     return tuple(checks)
@@ -191,6 +197,31 @@ def _correlation(residuals: Residuals, share: float) -> Diagnostic:
     statement = f"Residuals of neighbouring angles correlate with {residuals.lag1:.2f}."
     return Diagnostic(
         "residual_correlation", "Residual correlation", residuals.lag1, LAG1_FAIL, "1", verdict,
+        statement, advice,
+    )  # fmt: skip
+
+
+def _discrepancy(found: DiscrepancySize) -> Diagnostic:
+    """Too large, or so long that it is a second level of the scan: the model does not apply."""
+    too_long = found.tau > DISCREPANCY_WARN and found.ell_deg > 0.5 * found.span_deg
+    verdict = FAIL if too_long else _grade(found.tau, DISCREPANCY_WARN, DISCREPANCY_FAIL)
+    factors = [found.sd[name] / found.sd_if_independent[name] for name in found.sd]
+    statement = (
+        f"Along a scan the model is off by {found.size_dex:.3f} dex ({found.size_percent:.1f} %), "
+        f"over lengths of {found.ell_deg:.0f} deg; the white noise is "
+        f"{100.0 * found.white_noise:.1f} %. Readings taken as independent would have claimed "
+        f"standard deviations smaller by factors of {min(factors):.2g} to {max(factors):.2g}."
+    )
+    advice = (
+        "The model does not apply: what it leaves is of the size of what it explains. The "
+        "intervals carry that label; look for the effect that is missing."
+        if verdict == FAIL
+        else "The intervals allow for it. Look at the residuals for the angle at which it starts."
+        if verdict == WARN
+        else ""
+    )
+    return Diagnostic(
+        "discrepancy", "Discrepancy of the model", found.tau, DISCREPANCY_FAIL, "1", verdict,
         statement, advice,
     )  # fmt: skip
 

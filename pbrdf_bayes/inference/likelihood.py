@@ -44,6 +44,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _LN_2PI = scalar_log(2.0 * pi)
+_TINY = 1e-280
 
 
 @compiled(reassociate=True)

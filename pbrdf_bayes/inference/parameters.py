@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,8 @@ from pbrdf_bayes.measurement import Measurement
 
 Array = NDArray[np.float64]
 PHYSICAL = ("n", "k", "sigma_n0", "rho0")
+DISCREPANCY = ("tau", "ell_deg")
+"""Amplitude and length of the correlated misfit; a flat prior of either would replace the model."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +48,7 @@ _PHYSICAL = {
     "sigma_n0": ("σ_N0", "grazing-absorption factor: DHR = σ_N0 F", False),
     "rho0": ("ρ_0", "roughness: half width (HWHM) of the lobe at normal incidence", True),
 }
+_LONGEST_SPACING_DEG = 40.0
 _POLARIZATION_WORDS = {"s": "s-polarised", "p": "p-polarised", "u": "unpolarised"}
 
 
@@ -73,6 +76,19 @@ def parameter_specs(measurement: Measurement, config: RunConfig) -> tuple[Parame
         )
         for q, word in _POLARIZATION_WORDS.items() if q in present
     ]  # fmt: skip
+    if config.noise == "correlated" and measurement.scans:
+        specs += [
+            ParameterSpec(
+                name="tau", symbol="τ", unit="1", kind="nuisance", log_coordinate=True,
+                description="amplitude of the model's discrepancy along a scan, in ln BRDF",
+                prior=NOISE_PRIORS["tau"],
+            ),
+            ParameterSpec(
+                name="ell_deg", symbol="ℓ", unit="deg", kind="nuisance", log_coordinate=True,
+                description="length of the model's discrepancy along θ_r",
+                prior=_resolved(NOISE_PRIORS["ell_deg"], measurement),
+            ),
+        ]  # fmt: skip
     if np.isnan(measurement.dhr.u_value).any():
         specs.append(
             ParameterSpec(
@@ -82,6 +98,18 @@ def parameter_specs(measurement: Measurement, config: RunConfig) -> tuple[Parame
             )
         )  # fmt: skip
     return tuple(_with_user_prior(spec, config.priors) for spec in _known(specs, config.priors))
+
+
+def _resolved(prior: Prior, measurement: Measurement) -> Prior:
+    """The prior of the length from the spacing of the readings on.
+
+    A discrepancy shorter than that is white noise by another name: the two would trade places along
+    a ridge that says nothing.
+    """
+    theta_r = measurement.brdf.theta_r_deg
+    gaps = [np.diff(np.unique(theta_r[scan.rows])) for scan in measurement.scans]
+    spacing = min((float(np.median(gap)) for gap in gaps if gap.size), default=prior.low)
+    return replace(prior, low=min(max(prior.low, spacing), _LONGEST_SPACING_DEG))
 
 
 def _known(specs: list[ParameterSpec], priors: Mapping[str, Any]) -> list[ParameterSpec]:
@@ -98,4 +126,10 @@ def _with_user_prior(spec: ParameterSpec, priors: Mapping[str, Any]) -> Paramete
     if spec.name not in priors:
         return spec
     prior = prior_from_table(spec.name, priors[spec.name], spec.prior)
+    if spec.name in DISCREPANCY and prior.kind in ("uniform", "loguniform"):
+        msg = (
+            f"priors.{spec.name}: a flat prior lets the discrepancy take the place of the model. "
+            "Give a lognormal one, e.g. {kind = 'lognormal', median = 0.05, factor = 2.7}"
+        )
+        raise ConfigError(msg)
     return ParameterSpec(**{**spec.__dict__, "prior": prior})

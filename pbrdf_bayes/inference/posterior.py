@@ -10,6 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.errors import ConfigError, DataError
+from pbrdf_bayes.inference.correlated_likelihood import (
+    Discrepancy,
+    correlated_gradient,
+    correlated_log_likelihood,
+    prepare_discrepancy,
+)
 from pbrdf_bayes.inference.likelihood import iid_gradient, iid_log_likelihood
 from pbrdf_bayes.inference.parameters import ParameterSpec, parameter_specs
 from pbrdf_bayes.inference.rows import RELATIVE_SCALE, Rows, prepare_rows
@@ -35,6 +41,8 @@ class Posterior:
     rows : Rows
     digits : float
         Correct decimal digits of the normalisation.
+    discrepancy : Discrepancy or None
+        Which rows share a discrepancy of the model; None where they are independent.
     weight : float
         Power of the likelihood, 1 for the posterior; see `tempered`.
 
@@ -50,6 +58,7 @@ class Posterior:
     geometry: Geometry
     rows: Rows
     digits: float
+    discrepancy: Discrepancy | None = None
     weight: float = 1.0
 
     @cached_property
@@ -78,8 +87,10 @@ class Posterior:
 
         Only for parameters inside the support of the prior: the model is computed nowhere else.
         """
-        values = iid_log_likelihood(self.geometry, self.rows, self._checked(x), self.digits)
-        return self.weight * values
+        g, rows, law, x = self.geometry, self.rows, self.discrepancy, self._checked(x)
+        if law is None:
+            return self.weight * iid_log_likelihood(g, rows, x, self.digits)
+        return self.weight * correlated_log_likelihood(g, rows, law, x, self.digits)
 
     def tempered(self, weight: float) -> Posterior:
         """The same posterior with the likelihood raised to a power: weaker evidence.
@@ -109,8 +120,11 @@ class Posterior:
             [spec.prior.slope(v) for spec, v in zip(self.specs, x.T, strict=True)], axis=1
         )
         inside = np.isfinite(values)
-        likelihood, likelihood_slopes = iid_gradient(
-            self.geometry, self.rows, x[inside], self.digits
+        g, rows, law = self.geometry, self.rows, self.discrepancy
+        likelihood, likelihood_slopes = (
+            iid_gradient(g, rows, x[inside], self.digits)
+            if law is None
+            else correlated_gradient(g, rows, law, x[inside], self.digits)
         )
         values[inside] += self.weight * likelihood
         slopes[inside] += self.weight * likelihood_slopes
@@ -208,4 +222,23 @@ def build_posterior(measurement: Measurement, config: RunConfig) -> Posterior:
         u_cal=RELATIVE_SCALE if config.brdf_scale == "relative" else config.u_brdf_cal,
         u_dhr_cal=config.u_dhr_cal,
     )
-    return Posterior(specs, measurement, config, geometry, rows, digits_of(config.rtol))
+    discrepancy = None
+    if "tau" in columns:
+        _refuse_censored(measurement, rows)
+        discrepancy = prepare_discrepancy(
+            measurement, rows, tau_column=columns["tau"], ell_column=columns["ell_deg"]
+        )
+    return Posterior(
+        specs, measurement, config, geometry, rows, digits_of(config.rtol), discrepancy
+    )
+
+
+def _refuse_censored(measurement: Measurement, rows: Rows) -> None:
+    if rows.censored.any():
+        n, row = int(rows.censored.sum()), int(measurement.brdf.row[np.argmax(rows.censored)])
+        msg = (
+            f"{measurement.source or measurement.sample}: {n} readings at or below the floor, the "
+            f"first in line {row}, cannot go with noise = 'correlated' yet. Flag them, or take "
+            "noise = 'iid'"
+        )
+        raise ConfigError(msg)

@@ -154,8 +154,11 @@ PRESETS: Mapping[str, Mapping[str, Prior]] = {
 NOISE_PRIORS: Mapping[str, Prior] = {
     "s_rel": Prior(kind="lognormal", mean=log(0.02), sd=1.5, low=1e-6, high=3.0),
     "u_dhr": Prior(kind="lognormal", mean=log(0.003), sd=1.5, low=1e-7, high=0.5),
+    "tau": Prior(kind="lognormal", mean=log(0.05), sd=1.0, low=1e-5, high=2.0),
+    "ell_deg": Prior(kind="lognormal", mean=log(20.0), sd=0.8, low=0.5, high=500.0),
 }
-"""Priors of the nuisance parameters: relative noise of BRDF readings, noise of DHR readings."""
+"""Priors of the nuisance parameters: relative noise of BRDF readings, noise of DHR readings,
+amplitude and length of the discrepancy."""
 
 _SHORTHAND = {"halfnormal": "normal"}
 _KEYS = ("kind", "mean", "sd", "low", "high", "median", "factor")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import log
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,7 @@ class Rows(NamedTuple):
     noise_column: Index
     plain: NDArray[np.bool_]
     floor2: float
+    log_floor: float
     u_cal2: float
     dhr: Array
     dhr_u2: Array
@@ -88,6 +90,7 @@ def prepare_rows(
             [floor == 0.0 and not u2[scan.rows].any() for scan in measurement.scans], dtype=bool
         ),
         floor2=floor * floor,
+        log_floor=log(max(floor, _TINY)),
         u_cal2=u_cal * u_cal,
         dhr=dhr.value,
         dhr_u2=np.where(np.isnan(dhr.u_value), -1.0, dhr.u_value**2),

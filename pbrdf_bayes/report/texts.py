@@ -102,7 +102,10 @@ def model_text(summary: Record) -> str:
     """Say which model and which likelihood were used."""
     effects = words_of(summary["effects"], "none, exactly the model of the 2011 paper")
     config = summary["config"]
-    noise = {"iid": "independent noise"}.get(config.get("noise"), config.get("noise", MISSING))
+    noise = {
+        "iid": "independent noise",
+        "correlated": "independent noise and a correlated discrepancy",
+    }.get(config.get("noise"), config.get("noise", MISSING))
     return (
         f"Four-parameter model (n, k, σ_N0, ρ_0) with the "
         f"{summary['line_shape'].capitalize()} line shape. "

@@ -259,8 +259,8 @@ def test_few_readings_say_little_about_coverage(covered: tuple[int, int], verdic
 def test_correlated_readings_are_fewer_readings() -> None:
     """72 of 100 readings is rare; of five effective readings it is one that missed."""
     assert verdicts(covered=(72, 100))["coverage"].verdict == "WARN"
-    few = identified(share=0.05)
-    assert verdicts(covered=(72, 100), identifiability=few)["coverage"].verdict == "PASS"
+    few = residuals(lag1=0.905)  # (1 - 0.905)/(1 + 0.905) of the number, five
+    assert verdicts(covered=(72, 100), residuals=few)["coverage"].verdict == "PASS"
 
 
 def test_scans_of_one_point_have_no_neighbours_and_no_nan_in_their_words() -> None:

@@ -1,0 +1,281 @@
+"""The likelihood of log-BRDF and DHR readings with a misfit correlated along theta_r.
+
+For the rows a of scan j and group g (the scans of one angle of incidence, plane and polarisation),
+with model BRDF f, gain c_j, discrepancy d_g and instrument floor b:
+
+    y_a = 1/2 ln(f^2 + b^2) + c_j + d_g(theta_r,a) + noise_a,   c_j ~ N(0, u_cal^2)
+    noise_a ~ N(0, s_q^2 + u_a^2 + b^2/(f^2 + b^2))
+
+d_g is a Matérn process of amplitude tau and length ell, see `pbrdf_bayes.inference.correlated`. The
+scatter of repeated readings is largely common to neighbouring angles: it tells of c and d, and is
+not added to the noise. DHR readings as in `pbrdf_bayes.inference.likelihood`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbrdf_bayes.inference.correlated import group_gradient, group_log_likelihood
+from pbrdf_bayes.inference.groups import Groups, Work, prepare_groups, set_variances, workspace
+from pbrdf_bayes.inference.likelihood import dhr_readings
+from pbrdf_bayes.inference.rows import Rows
+from pbrdf_bayes.measurement import Measurement
+from pbrdf_bayes.physics.brdf import (
+    Buffers,
+    add_scan_slopes,
+    at_rows,
+    buffers,
+    dhr_gradient,
+    fill_dhr,
+    log_brdf,
+    to_parameters,
+)
+from pbrdf_bayes.physics.compiled import compiled
+from pbrdf_bayes.physics.elementary import exp, log
+from pbrdf_bayes.physics.fresnel import surface
+from pbrdf_bayes.physics.geometry import Geometry
+from pbrdf_bayes.physics.normalisation import SLOPES, VALUES
+from pbrdf_bayes.physics.normalisation import workspace as quadrature_workspace
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+class Discrepancy(NamedTuple):
+    """Which rows share a discrepancy, and the parameter columns of its law."""
+
+    groups: Groups
+    noise_column: Index
+    """Parameter column of s_q per group."""
+    group_of_scan: Index
+    stated2: Array
+    """Relative variance stated for each row beside its repeats."""
+    varied: bool
+    """Rows have variances of their own: stated ones or a floor."""
+    tau_column: int
+    ell_column: int
+
+
+def prepare_discrepancy(
+    measurement: Measurement, rows: Rows, *, tau_column: int, ell_column: int
+) -> Discrepancy:
+    """Group the rows of a measurement by the discrepancy they share.
+
+    Parameters
+    ----------
+    measurement : Measurement
+    rows : Rows
+    tau_column, ell_column : int
+        Columns of amplitude [1] and length [deg] in the parameter array.
+
+    Returns
+    -------
+    Discrepancy
+    """
+    scans = measurement.scans
+    keys = [(s.theta_i_deg, s.phi_r_deg, s.polarization) for s in scans]
+    names = {key: i for i, key in enumerate(dict.fromkeys(keys))}
+    lengths = [len(scan) for scan in scans]
+    noise_column = np.zeros(len(names), dtype=np.int64)
+    for key, column in zip(keys, rows.noise_column.tolist(), strict=True):
+        noise_column[names[key]] = column
+    stated2 = np.where(measurement.brdf.repeated, 0.0, rows.u2)
+    return Discrepancy(
+        groups=prepare_groups(
+            measurement.brdf.theta_r_deg,
+            np.repeat([names[key] for key in keys], lengths),
+            np.repeat(np.arange(len(scans)), lengths),
+        ),
+        noise_column=noise_column,
+        group_of_scan=np.array([names[key] for key in keys], dtype=np.int64),
+        stated2=stated2,
+        varied=bool(rows.floor2 > 0.0 or stated2.any()),
+        tau_column=tau_column,
+        ell_column=ell_column,
+    )
+
+
+class _Rowwise(NamedTuple):
+    """Numbers of every row, allocated once: see `_compare`."""
+
+    log_f: Array
+    residual: Array
+    above: Array
+    extra: Array
+    group_variance: Array
+
+
+@compiled()
+def _rowwise(n_rows: int, n_groups: int) -> _Rowwise:
+    return _Rowwise(
+        np.empty(n_rows), np.empty(n_rows), np.ones(n_rows), np.zeros(n_rows), np.empty(n_groups)
+    )
+
+
+@compiled()
+def _compare(
+    geometry: Geometry, rows: Rows, law: Discrepancy, found: Buffers, x: Array, row: _Rowwise,
+    work: Work,
+) -> None:  # fmt: skip
+    """Residuals, the share of f^2 in f^2 + b^2 and the variances of the rows."""
+    for scan in range(rows.noise_column.size):
+        a, b = rows.scan_start[scan], rows.scan_start[scan + 1]
+        values = found.log_f[geometry.row_polarization[a]]
+        log_f = at_rows(geometry, values, a, row.log_f[a:b])
+        y, residual = rows.y[a:b], row.residual[a:b]
+        for i in range(y.size):
+            residual[i] = y[i] - log_f[i]
+        if rows.floor2 > 0.0:
+            above, extra, stated = row.above[a:b], row.extra[a:b], law.stated2[a:b]
+            for i in range(y.size):
+                ratio = rows.floor2 * exp(min(-2.0 * log_f[i], 600.0))
+                above[i] = 1.0 / (1.0 + ratio)
+                residual[i] -= 0.5 * log(1.0 + ratio)
+                extra[i] = stated[i] + ratio * above[i]
+    if law.varied:
+        set_variances(law.groups, work, row.extra if rows.floor2 > 0.0 else law.stated2)
+    for group in range(law.noise_column.size):
+        row.group_variance[group] = x[law.noise_column[group]] ** 2
+
+
+@compiled(nogil=True)
+def correlated_log_likelihood(
+    geometry: Geometry, rows: Rows, law: Discrepancy, parameters: Array, digits: float
+) -> Array:
+    """Log-likelihood of every parameter set.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    rows : Rows
+        None censored.
+    law : Discrepancy
+    parameters : ndarray, shape (n_sets, n_par)
+        Physical units; the first four columns are n, k, sigma_n0, rho0.
+    digits : float
+        Correct decimal digits of the normalisation.
+
+    Returns
+    -------
+    ndarray, shape (n_sets,)
+    """
+    n_sets = parameters.shape[0]
+    result = np.empty(n_sets)
+    found = buffers(geometry.directions.shape[1], geometry.incidences.shape[0], VALUES)
+    row = _rowwise(rows.y.size, law.noise_column.size)
+    work = workspace(law.groups, False)
+    dhr, dhr_work = np.empty(rows.dhr.size), np.empty(rows.dhr.size)
+    ws = quadrature_workspace()
+    for j in range(n_sets):
+        x = parameters[j]
+        surf = surface(x[0], x[1], x[2], x[3])
+        log_brdf(geometry, surf, digits, VALUES, ws, found)
+        fill_dhr(geometry, surf, dhr)
+        total, _ = dhr_readings(rows, dhr, x[rows.dhr_noise_column], dhr_work)
+        _compare(geometry, rows, law, found, x, row, work)
+        result[j] = total + group_log_likelihood(
+            law.groups, work, row.residual, row.group_variance, rows.u_cal2, x[law.tau_column],
+            x[law.ell_column],
+        )  # fmt: skip
+    return result
+
+
+@compiled(nogil=True)
+def correlated_gradient(
+    geometry: Geometry, rows: Rows, law: Discrepancy, parameters: Array, digits: float
+) -> tuple[Array, Array]:
+    """Log-likelihood and its derivatives by all parameters, from one pass.
+
+    Parameters
+    ----------
+    geometry, rows, law, parameters, digits
+        As for `correlated_log_likelihood`.
+
+    Returns
+    -------
+    tuple of ndarray, shapes (n_sets,) and (n_sets, n_par)
+    """
+    n_sets = parameters.shape[0]
+    result = np.empty(n_sets)
+    slopes = np.zeros(parameters.shape)
+    found = buffers(geometry.directions.shape[1], geometry.incidences.shape[0], SLOPES)
+    row = _rowwise(rows.y.size, law.noise_column.size)
+    work = workspace(law.groups, True)
+    by_row = np.empty((4, rows.y.size))
+    dhr, dhr_work = np.empty(rows.dhr.size), np.empty(rows.dhr.size)
+    physical, sums = np.empty(4), np.empty(3)
+    ws = quadrature_workspace()
+    for j in range(n_sets):
+        x = parameters[j]
+        out = slopes[j]
+        surf = surface(x[0], x[1], x[2], x[3])
+        log_brdf(geometry, surf, digits, SLOPES, ws, found)
+        fill_dhr(geometry, surf, dhr)
+        total, slope = dhr_readings(rows, dhr, x[rows.dhr_noise_column], dhr_work)
+        if rows.dhr_noise_column >= 0:
+            out[rows.dhr_noise_column] += slope
+        for i in range(dhr.size):
+            dhr_gradient(geometry, surf, i, physical)
+            for p in range(4):
+                out[p] += dhr_work[i] * physical[p]
+        _compare(geometry, rows, law, found, x, row, work)
+        value, by_tau, by_ell = group_gradient(
+            law.groups, work, row.residual, row.group_variance, rows.u_cal2, x[law.tau_column],
+            x[law.ell_column], by_row,
+        )  # fmt: skip
+        out[law.tau_column] += by_tau
+        out[law.ell_column] += by_ell
+        sums[:] = 0.0
+        weight = 0.0
+        for scan in range(rows.noise_column.size):
+            a, b = rows.scan_start[scan], rows.scan_start[scan + 1]
+            s_rel = x[rows.noise_column[scan]]
+            by_log_f, by_v, above = by_row[0, a:b], by_row[1, a:b], row.above[a:b]
+            for i in range(b - a):
+                out[rows.noise_column[scan]] += 2.0 * s_rel * by_v[i]
+                by_log_f[i] = above[i] * (by_log_f[i] - 2.0 * by_v[i] * (1.0 - above[i]))
+            weight += add_scan_slopes(geometry, found, a, by_log_f, sums)
+        to_parameters(sums[0], sums[1], sums[2], surf, physical)
+        out[0] += physical[0]
+        out[1] += physical[1]
+        out[2] += weight / surf.sigma_n0
+        out[3] += physical[3]
+        result[j] = total + value
+    return result, slopes
+
+
+@compiled(nogil=True)
+def precision_times(rows: Rows, law: Discrepancy, x: Array, extra: Array, values: Array) -> Array:
+    """K^-1 times values of the rows, K their covariance at one parameter set.
+
+    Parameters
+    ----------
+    rows : Rows
+    law : Discrepancy
+    x : ndarray, shape (n_par,)
+        Physical units.
+    extra : ndarray, shape (n_rows,)
+        Variance of each row beside s_q^2.
+    values : ndarray, shape (n_columns, n_rows)
+
+    Returns
+    -------
+    ndarray, shape (n_columns, n_rows)
+    """
+    work = workspace(law.groups, True)
+    set_variances(law.groups, work, extra)
+    variance = np.empty(law.noise_column.size)
+    for group in range(variance.size):
+        variance[group] = x[law.noise_column[group]] ** 2
+    by_row = np.empty((4, rows.y.size))
+    result = np.empty(values.shape)
+    for i in range(values.shape[0]):
+        group_gradient(
+            law.groups, work, values[i], variance, rows.u_cal2, x[law.tau_column],
+            x[law.ell_column], by_row,
+        )  # fmt: skip
+        result[i] = by_row[0]
+    return result

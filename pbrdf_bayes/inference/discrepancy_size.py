@@ -1,0 +1,92 @@
+"""How large the correlated misfit came out, and what independent readings would have claimed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import exp, log
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbrdf_bayes.inference.laplace import laplace_mixture
+from pbrdf_bayes.inference.map_fit import find_map
+from pbrdf_bayes.inference.parameters import DISCREPANCY, PHYSICAL
+from pbrdf_bayes.inference.posterior import Posterior, build_posterior
+
+Array = NDArray[np.float64]
+
+_N_STARTS = 4
+
+
+@dataclass(frozen=True)
+class DiscrepancySize:
+    """What a correlated misfit came to, and what independent readings would have claimed.
+
+    Attributes
+    ----------
+    tau, ell_deg : float
+        Posterior medians of amplitude [1, in ln BRDF] and length [deg].
+    span_deg : float
+        Longest scan [deg].
+    white_noise : float
+        Posterior median of the relative white noise, the largest of the polarisations [1].
+    size_dex, size_percent : float
+        The amplitude once more, in log10 BRDF and in per cent of the BRDF.
+    sd, sd_if_independent : mapping of str to float
+        Standard deviation of each physical parameter, and what the likelihood of independent
+        readings would have claimed (at its optimum, by Laplace's method).
+    """
+
+    tau: float
+    ell_deg: float
+    span_deg: float
+    white_noise: float
+    size_dex: float
+    size_percent: float
+    sd: Mapping[str, float]
+    sd_if_independent: Mapping[str, float]
+
+
+def measure_discrepancy(posterior: Posterior, draws: Array, *, seed: int) -> DiscrepancySize | None:
+    """Size of the discrepancy; None where the readings are taken as independent.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    draws : ndarray, shape (n_draws, n_par)
+        Physical units.
+    seed : int
+        Of the starts of the i.i.d. fit.
+
+    Returns
+    -------
+    DiscrepancySize or None
+    """
+    if posterior.discrepancy is None:
+        return None
+    measurement = posterior.measurement
+    median = dict(zip(posterior.parameter_names, np.median(draws, axis=0).tolist(), strict=True))
+    theta_r = measurement.brdf.theta_r_deg
+    sd = draws.std(axis=0, ddof=1).tolist()
+    return DiscrepancySize(
+        tau=median["tau"],
+        ell_deg=median["ell_deg"],
+        span_deg=max(float(np.ptp(theta_r[scan.rows])) for scan in measurement.scans),
+        white_noise=max(v for name, v in median.items() if name.startswith("s_rel_")),
+        size_dex=median["tau"] / log(10.0),
+        size_percent=100.0 * (exp(median["tau"]) - 1.0),
+        sd=dict(zip(PHYSICAL, sd, strict=False)),
+        sd_if_independent=dict(zip(PHYSICAL, _sd_if_independent(posterior, seed), strict=False)),
+    )
+
+
+def _sd_if_independent(posterior: Posterior, seed: int) -> list[float]:
+    """Laplace standard deviations of all parameters under the i.i.d. likelihood."""
+    config = posterior.config
+    priors = {name: table for name, table in config.priors.items() if name not in DISCREPANCY}
+    plain = build_posterior(posterior.measurement, replace(config, noise="iid", priors=priors))
+    optima = find_map(plain, n_starts=_N_STARTS, seed=seed)
+    factor = laplace_mixture(plain, optima).factors[0]
+    sd = np.sqrt(np.sum(factor**2, axis=1)) * np.where(plain.is_log, optima.best.x, 1.0)
+    return [float(value) for value in sd]
