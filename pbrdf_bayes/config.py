@@ -82,7 +82,7 @@ class RunConfig:
     1e-05
     """
 
-    noise: str = "iid"
+    noise: str = "correlated"
     effects: tuple[str, ...] = ()
     line_shape: str = "lorentzian"
     accuracy: str = "standard"

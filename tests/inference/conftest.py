@@ -38,7 +38,7 @@ def small() -> Measurement:
 @pytest.fixture(scope="session")
 def small_posterior(small: Measurement) -> Posterior:
     """Its posterior at draft accuracy."""
-    return pb.build_posterior(small, pb.RunConfig(accuracy="draft"))
+    return pb.build_posterior(small, pb.RunConfig(noise="iid", accuracy="draft"))
 
 
 Columns = list[tuple[str, str, float, float, float]]

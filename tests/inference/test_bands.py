@@ -57,7 +57,7 @@ def spread_draws(posterior: Posterior, green: pb.Parameters, n_draws: int) -> Ar
 
 
 def make(readings: Measurement, **config: Any) -> Posterior:
-    return pb.build_posterior(readings, pb.RunConfig(accuracy="reference", **config))
+    return pb.build_posterior(readings, pb.RunConfig(noise="iid", accuracy="reference", **config))
 
 
 def test_the_model_band_is_the_quantiles_of_the_public_model(

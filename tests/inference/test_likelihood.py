@@ -30,7 +30,9 @@ MODEL = 1e-9
 
 def evaluate(measurement: Measurement, noise: dict[str, float], **config: Any) -> float:
     """Our log-likelihood."""
-    posterior = pb.build_posterior(measurement, pb.RunConfig(accuracy="reference", **config))
+    posterior = pb.build_posterior(
+        measurement, pb.RunConfig(noise="iid", accuracy="reference", **config)
+    )
     assert posterior.parameter_names[4:] == tuple(noise)
     x = np.concatenate([X.as_array(), list(noise.values())])
     return float(posterior.log_likelihood(x[None, :])[0])
@@ -316,11 +318,11 @@ def test_an_exact_null_of_the_model_stays_finite(
 ) -> None:
     """sigma_n0 = 0: f = 0 at every row. With a floor the law is N(ln b, s^2 + 1) exactly."""
     m = make_measurement(scan_rows(np.full(15, 2e-3)))
-    posterior = pb.build_posterior(m, pb.RunConfig(brdf_floor=1e-3))
+    posterior = pb.build_posterior(m, pb.RunConfig(noise="iid", brdf_floor=1e-3))
     x = np.array([[1.5, 0.1, 0.0, 0.3, 0.03]])
     wanted = 15.0 * stats.norm(math.log(1e-3), math.hypot(0.03, 1.0)).logpdf(math.log(2e-3))
     assert posterior.log_likelihood(x)[0] == pytest.approx(wanted, rel=1e-9)
-    without = pb.build_posterior(m, pb.RunConfig()).log_likelihood(x)[0]
+    without = pb.build_posterior(m, pb.RunConfig(noise="iid")).log_likelihood(x)[0]
     assert np.isfinite(without)
     assert without < -1e6
 
@@ -339,18 +341,18 @@ def test_the_log_of_the_normal_cdf_over_its_range() -> None:
 def test_doubling_every_reading_and_sigma_n0_changes_nothing(readings: Measurement) -> None:
     """Scale: BRDF and DHR are proportional to sigma_n0 and noises are relative (DHR: absolute)."""
     brdf_only = select_scans(readings, np.ones(len(readings.scans), bool), dhr=False)
-    posterior = pb.build_posterior(brdf_only, pb.RunConfig())
+    posterior = pb.build_posterior(brdf_only, pb.RunConfig(noise="iid"))
     x = np.array([[1.6, 0.25, 0.3, 0.4, 0.03, 0.05], [1.6, 0.25, 0.6, 0.4, 0.03, 0.05]])
     before = posterior.log_likelihood(x)
     brdf_only.brdf.value[:] *= 2.0
-    after = pb.build_posterior(brdf_only, pb.RunConfig()).log_likelihood(x)
+    after = pb.build_posterior(brdf_only, pb.RunConfig(noise="iid")).log_likelihood(x)
     assert after[1] == pytest.approx(before[0], rel=1e-12)
     brdf_only.brdf.value[:] /= 2.0
 
 
 def test_a_row_at_a_time_or_all_sets_at_once(readings: Measurement) -> None:
     """Scratch memory shared between parameter sets leaks nothing from one to the next."""
-    posterior = pb.build_posterior(readings, pb.RunConfig(u_brdf_cal=0.02))
+    posterior = pb.build_posterior(readings, pb.RunConfig(noise="iid", u_brdf_cal=0.02))
     x = posterior.sample_prior(np.random.default_rng(9), 40)
     together = posterior.log_likelihood(x)
     alone = np.array([posterior.log_likelihood(row[None, :])[0] for row in x])

@@ -166,7 +166,9 @@ def noiseless(green: pb.Parameters) -> Measurement:
 
 
 def recipe_config(**priors: Any) -> pb.RunConfig:
-    return pb.RunConfig(prior="dielectric", u_dhr_cal=0.0, accuracy="reference", priors=priors)
+    return pb.RunConfig(
+        noise="iid", prior="dielectric", u_dhr_cal=0.0, accuracy="reference", priors=priors
+    )
 
 
 def test_recipe_dhr_alone_gives_index_and_scale(
@@ -223,7 +225,7 @@ def test_least_squares_of_noiseless_data_leaves_nothing(
 
 def test_least_squares_finds_what_a_plain_optimiser_finds(small: Measurement) -> None:
     """rms of log10(measured/model) by Nelder-Mead on the public model."""
-    posterior = pb.build_posterior(small, pb.RunConfig(accuracy="draft"))
+    posterior = pb.build_posterior(small, pb.RunConfig(noise="iid", accuracy="draft"))
     start = find_map(posterior, seed=1).best.x
     x, rms = fit_least_squares(posterior, start[None, :])
 
@@ -253,7 +255,7 @@ def test_least_squares_finds_what_a_plain_optimiser_finds(small: Measurement) ->
 
 def test_least_squares_without_brdf_is_not_a_number(small: Measurement) -> None:
     alone = select_scans(small, np.zeros(len(small.scans), bool), dhr=True)
-    posterior = pb.build_posterior(alone, pb.RunConfig())
+    posterior = pb.build_posterior(alone, pb.RunConfig(noise="iid"))
     start = np.array([[1.5, 0.2, 0.45, 0.4, 0.001]])
     x, rms = fit_least_squares(posterior, start)
     assert math.isnan(rms)
@@ -269,7 +271,7 @@ def test_censored_rows_do_not_enter_least_squares(small: Measurement) -> None:
     )
     start = np.array([[1.5, 0.2, 0.45, 0.47, 0.02, 0.02, 0.0005]])
     results = [
-        fit_least_squares(pb.build_posterior(m, pb.RunConfig(brdf_floor=floor)), start)
+        fit_least_squares(pb.build_posterior(m, pb.RunConfig(noise="iid", brdf_floor=floor)), start)
         for m in (small, lowered)
     ]
     assert results[0][1] == pytest.approx(results[1][1], rel=1e-9)

@@ -20,7 +20,9 @@ Array = NDArray[np.float64]
 
 
 def parameter_names(rows: list[Any], make: Callable[..., Measurement], **columns: Any) -> list[str]:
-    return list(pb.build_posterior(make(rows, **columns), pb.RunConfig()).parameter_names)
+    return list(
+        pb.build_posterior(make(rows, **columns), pb.RunConfig(noise="iid")).parameter_names
+    )
 
 
 PHYSICAL = ["n", "k", "sigma_n0", "rho0"]
@@ -207,14 +209,16 @@ def test_a_reading_that_is_not_positive_needs_a_floor(
     with pytest.raises(
         pb.DataError, match=r"line 17, column value: a BRDF reading that is not pos"
     ):
-        pb.build_posterior(m, pb.RunConfig())
-    posterior = pb.build_posterior(m, pb.RunConfig(brdf_floor=1e-4))
+        pb.build_posterior(m, pb.RunConfig(noise="iid"))
+    posterior = pb.build_posterior(m, pb.RunConfig(noise="iid", brdf_floor=1e-4))
     assert np.isfinite(posterior.log_likelihood(np.array([[1.5, 0.1, 0.5, 0.4, 0.02]])))[0]
 
 
 def test_a_relative_scale_needs_dhr(make_measurement: Callable[..., Measurement]) -> None:
     with pytest.raises(pb.ConfigError, match=r"brdf_scale = 'relative' needs DHR readings"):
-        pb.build_posterior(make_measurement([SCAN_S]), pb.RunConfig(brdf_scale="relative"))
+        pb.build_posterior(
+            make_measurement([SCAN_S]), pb.RunConfig(noise="iid", brdf_scale="relative")
+        )
 
 
 @pytest.mark.parametrize(
@@ -235,16 +239,16 @@ def test_priors_that_do_not_fit_the_measurement_are_refused(
     priors: dict[str, Any], message: str, small: Measurement
 ) -> None:
     with pytest.raises(pb.ConfigError, match=message):
-        pb.build_posterior(small, pb.RunConfig(priors=priors))
+        pb.build_posterior(small, pb.RunConfig(noise="iid", priors=priors))
 
 
 def test_user_priors_take_effect(small: Measurement) -> None:
     priors = {"n": {"kind": "uniform", "low": 1.4, "high": 1.6}}
-    posterior = pb.build_posterior(small, pb.RunConfig(priors=priors))
+    posterior = pb.build_posterior(small, pb.RunConfig(noise="iid", priors=priors))
     x = posterior.sample_prior(np.random.default_rng(11), 500)
     assert x[:, 0].min() >= 1.4
     assert x[:, 0].max() <= 1.6
-    metal = pb.build_posterior(small, pb.RunConfig(prior="metal"))
+    metal = pb.build_posterior(small, pb.RunConfig(noise="iid", prior="metal"))
     assert metal.specs[0].prior.high == 6.0
 
 
@@ -274,7 +278,8 @@ def test_order_of_the_rows_does_not_matter(small: Measurement, small_posterior: 
 def test_accuracy_level_sets_the_quadrature(small: Measurement) -> None:
     """draft against reference: ln L differs by what 1e-5 in f does, and not by nothing."""
     draft, reference = (
-        pb.build_posterior(small, pb.RunConfig(accuracy=a)) for a in ("draft", "reference")
+        pb.build_posterior(small, pb.RunConfig(noise="iid", accuracy=a))
+        for a in ("draft", "reference")
     )
     x = draft.sample_prior(np.random.default_rng(14), 50)
     x[:, 4:6] = 0.05
@@ -288,7 +293,7 @@ def test_accuracy_level_sets_the_quadrature(small: Measurement) -> None:
 
 def test_dhr_only_posterior(small: Measurement) -> None:
     alone = select_scans(small, np.zeros(len(small.scans), bool), dhr=True)
-    posterior = pb.build_posterior(alone, pb.RunConfig())
+    posterior = pb.build_posterior(alone, pb.RunConfig(noise="iid"))
     assert posterior.parameter_names == ("n", "k", "sigma_n0", "rho0", "u_dhr")
     x = np.tile([1.5, 0.2, 0.45, 0.1, 0.001], (2, 1))
     x[1, 3] = 2.0
@@ -300,7 +305,7 @@ def test_dhr_only_posterior(small: Measurement) -> None:
 def test_simulated_truth_has_the_expected_chi_square(green: pb.Parameters) -> None:
     """-2 ln L at the truth is chi^2 + ln det: within 5 sd of its mean for 642 rows."""
     m = simulate_measurement(green, seed=15, theta_i_deg=(20.0,), dhr_theta_i_deg=())
-    posterior = pb.build_posterior(m, pb.RunConfig())
+    posterior = pb.build_posterior(m, pb.RunConfig(noise="iid"))
     x = np.concatenate([green.as_array(), [0.02, 0.02]])[None, :]
     constant = -0.5 * 642 * math.log(2.0 * math.pi * 0.02**2)
     chi2 = 2.0 * (constant - posterior.log_likelihood(x)[0])

@@ -32,7 +32,9 @@ def with_residuals(green: pb.Parameters, dex: dict[float, Array], **config: floa
         theta_i_deg=np.concatenate(theta_i), theta_r_deg=np.concatenate(theta_r),
         value=np.concatenate(value),
     )  # fmt: skip
-    return pb.build_posterior(measurement, pb.RunConfig(accuracy="reference", **config))  # type: ignore[arg-type]
+    return pb.build_posterior(
+        measurement, pb.RunConfig(noise="iid", accuracy="reference", **config)
+    )  # type: ignore[arg-type]
 
 
 def at(green: pb.Parameters) -> Array:
@@ -101,7 +103,7 @@ def test_short_scans_tell_nothing_about_noise(
 ) -> None:
     assert math.isnan(white_noise_dex(with_residuals(green, {20.0: np.zeros(4)})))
     dhr = make_measurement([("dhr", "s", 20.0, math.nan, 0.05)])
-    posterior = pb.build_posterior(dhr, pb.RunConfig())
+    posterior = pb.build_posterior(dhr, pb.RunConfig(noise="iid"))
     assert math.isnan(white_noise_dex(posterior))
     found = compute_residuals(posterior, at(green))
     assert math.isnan(found.rms)
