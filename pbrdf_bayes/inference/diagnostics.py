@@ -33,6 +33,7 @@ BOUND_QUANTILE = 0.01
 COVERAGE_WARN = (0.82, 0.97)
 COVERAGE_CHANCE = 0.005
 RIVAL_NATS = 12.0
+RIVAL_SD = 3.0
 
 PASS, WARN, FAIL = "PASS", "WARN", "FAIL"
 
@@ -130,7 +131,7 @@ def run_diagnostics(
         _rhat(draws),
         _ess(draws, config),
         _chain_length(draws),
-        _modes(optima),
+        _modes(optima, draws, len(identifiability.names)),
         _identified(identifiability),
         _bounds(identifiability),
     ]
@@ -262,10 +263,13 @@ def _chain_length(draws: Draws) -> Diagnostic:
     )  # fmt: skip
 
 
-def _modes(optima: MapResult) -> Diagnostic:
+def _modes(optima: MapResult, draws: Draws, n_physical: int) -> Diagnostic:
+    """Rivals are optima with other physical parameters: noises may share their roles as they like."""
+    sd = draws.flat.std(axis=0)[:n_physical]
     rivals = [
-        best.log_posterior for best in optima.optima[1:]
-        if optima.best.log_posterior - best.log_posterior < RIVAL_NATS
+        other.log_posterior for other in optima.optima[1:]
+        if optima.best.log_posterior - other.log_posterior < RIVAL_NATS
+        and np.any(np.abs(other.x - optima.best.x)[:n_physical] > RIVAL_SD * sd)
     ]  # fmt: skip
     gap = optima.best.log_posterior - rivals[0] if rivals else np.nan
     statement = f"{optima.best.n_starts} of {optima.n_starts} starts end at the best optimum; " + (

@@ -48,7 +48,7 @@ _PHYSICAL = {
     "sigma_n0": ("σ_N0", "grazing-absorption factor: DHR = σ_N0 F", False),
     "rho0": ("ρ_0", "roughness: half width (HWHM) of the lobe at normal incidence", True),
 }
-_LONGEST_SPACING_DEG = 40.0
+_LONGEST_BOUND_DEG = 40.0
 _POLARIZATION_WORDS = {"s": "s-polarised", "p": "p-polarised", "u": "unpolarised"}
 
 
@@ -101,7 +101,7 @@ def parameter_specs(measurement: Measurement, config: RunConfig) -> tuple[Parame
 
 
 def _resolved(prior: Prior, measurement: Measurement) -> Prior:
-    """The prior of the length from the spacing of the readings on.
+    """The prior of the length from twice the spacing of the readings on.
 
     A discrepancy shorter than that is white noise by another name: the two would trade places along
     a ridge that says nothing.
@@ -109,7 +109,7 @@ def _resolved(prior: Prior, measurement: Measurement) -> Prior:
     theta_r = measurement.brdf.theta_r_deg
     gaps = [np.diff(np.unique(theta_r[scan.rows])) for scan in measurement.scans]
     spacing = min((float(np.median(gap)) for gap in gaps if gap.size), default=prior.low)
-    return replace(prior, low=min(max(prior.low, spacing), _LONGEST_SPACING_DEG))
+    return replace(prior, low=min(max(prior.low, 2.0 * spacing), _LONGEST_BOUND_DEG))
 
 
 def _known(specs: list[ParameterSpec], priors: Mapping[str, Any]) -> list[ParameterSpec]:
