@@ -264,7 +264,7 @@ def _chain_length(draws: Draws) -> Diagnostic:
 
 
 def _modes(optima: MapResult, draws: Draws, n_physical: int) -> Diagnostic:
-    """Rivals are optima with other physical parameters: noises may share their roles as they like."""
+    """Rivals differ in the physical parameters; how noises share their roles does not count."""
     sd = draws.flat.std(axis=0)[:n_physical]
     rivals = [
         other.log_posterior for other in optima.optima[1:]
