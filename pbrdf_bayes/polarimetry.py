@@ -135,8 +135,8 @@ def stokes(
     Returns
     -------
     ndarray, shape (..., 3)
-        S0, S1, S2 per unit irradiance [sr^-1], in the frame and with the handedness of `mueller`.
-        S0 is what a detector blind to polarisation reads.
+        S0, S1, S2 per unit irradiance [sr^-1], Eq. (9) for s light, in the frame and with the
+        handedness of `mueller`. S0 is what a detector blind to polarisation reads.
 
     Raises
     ------
