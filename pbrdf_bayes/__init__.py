@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         mueller,
         stokes,
     )
+    from pbrdf_bayes.reciprocity import reciprocal_brdf, reciprocity_defect
     from pbrdf_bayes.report.page import render_report
     from pbrdf_bayes.results import Analysis
     from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
@@ -63,6 +64,8 @@ _HOME = {
     "mueller": "polarimetry",
     "normalisation_error": "model",
     "read_measurement": "io.tidy_csv",
+    "reciprocal_brdf": "reciprocity",
+    "reciprocity_defect": "reciprocity",
     "reciprocity_ratio": "model",
     "render_report": "report.page",
     "simulate_measurement": "simulate",
@@ -96,6 +99,8 @@ __all__ = [
     "mueller",
     "normalisation_error",
     "read_measurement",
+    "reciprocal_brdf",
+    "reciprocity_defect",
     "reciprocity_ratio",
     "render_report",
     "simulate_measurement",
