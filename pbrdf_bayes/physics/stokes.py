@@ -97,6 +97,8 @@ def prepare_frames(theta_i: Array, theta_r: Array, phi_r: Array) -> Frames:
 
 def _double(x: Array, y: Array) -> tuple[Array, Array]:
     """Cosine and sine of twice the angle of the vector (x, y), of any length."""
+    largest = np.maximum(np.abs(x), np.abs(y))
+    x, y = x / largest, y / largest
     norm = x * x + y * y
     return (x - y) * (x + y) / norm, 2.0 * x * y / norm
 

@@ -171,6 +171,14 @@ def test_one_scale_serves_the_paints_published_scans() -> None:
     assert abs(float(least)) == pytest.approx(57.0, abs=1.0)
 
 
+def test_what_is_lost_at_normal_incidence() -> None:
+    """s and p, which a surface without a direction cannot tell apart, differ; with Eq. (4) not."""
+    s, p = (float(pb.reciprocal_brdf(GREEN, 0.0, 0.0, q)) for q in "sp")
+    assert s / p == pytest.approx(0.92, abs=0.005)
+    s, p = (float(pb.brdf(GREEN, 0.0, 0.0, q)) for q in "sp")
+    assert s == pytest.approx(p, rel=1e-14)
+
+
 def test_sigma_n0_is_a_scale_and_may_be_zero() -> None:
     half = pb.Parameters(n=1.526, k=0.193, sigma_n0=0.2264, rho0=0.47)
     black = pb.Parameters(n=1.526, k=0.193, sigma_n0=0.0, rho0=0.47)

@@ -319,6 +319,13 @@ def test_towards_the_normal_it_is_continuous_along_a_meridian(theta_i: float, ph
     np.testing.assert_allclose(other, at, rtol=0.0, atol=1e-6 * at[0, 0])
 
 
+def test_angles_too_small_to_be_squared_are_angles() -> None:
+    at = pb.mueller(GREEN, 0.0, 0.0, phi_r_deg=25.0)
+    for tiny in (1e-187, 5e-324, -1e-200):
+        beside = pb.mueller(GREEN, 0.0, tiny, phi_r_deg=25.0)
+        np.testing.assert_allclose(beside, at, rtol=0.0, atol=1e-15 * at[0, 0])
+
+
 @pytest.mark.parametrize("theta_i", [0.0, 1e-3, 30.0, 75.0, 89.95])
 def test_back_along_the_ray_it_is_continuous_in_plane(theta_i: float) -> None:
     at = pb.mueller(GREEN, theta_i, -theta_i)
