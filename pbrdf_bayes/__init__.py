@@ -25,6 +25,13 @@ if TYPE_CHECKING:
     from pbrdf_bayes.io.tidy_csv import read_measurement, write_tidy_csv
     from pbrdf_bayes.measurement import Measurement
     from pbrdf_bayes.model import Parameters, brdf, dhr, normalisation_error, reciprocity_ratio
+    from pbrdf_bayes.polarimetry import (
+        angle_of_linear_polarization_deg,
+        degree_of_linear_polarization,
+        mueller,
+        stokes,
+    )
+    from pbrdf_bayes.reciprocity import reciprocal_brdf, reciprocity_defect
     from pbrdf_bayes.report.page import render_report
     from pbrdf_bayes.results import Analysis
     from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
@@ -46,17 +53,23 @@ _HOME = {
     "Posterior": "inference.posterior",
     "RunConfig": "config",
     "RunFolderError": "errors",
+    "angle_of_linear_polarization_deg": "polarimetry",
     "brdf": "model",
     "build_posterior": "inference.posterior",
     "check_measurement": "data_checks",
+    "degree_of_linear_polarization": "polarimetry",
     "dhr": "model",
     "fit": "workflow",
     "load_analysis": "io.run_folder",
+    "mueller": "polarimetry",
     "normalisation_error": "model",
     "read_measurement": "io.tidy_csv",
+    "reciprocal_brdf": "reciprocity",
+    "reciprocity_defect": "reciprocity",
     "reciprocity_ratio": "model",
     "render_report": "report.page",
     "simulate_measurement": "simulate",
+    "stokes": "polarimetry",
     "write_tidy_csv": "io.tidy_csv",
 }
 
@@ -75,17 +88,23 @@ __all__ = [
     "RunConfig",
     "RunFolderError",
     "__version__",
+    "angle_of_linear_polarization_deg",
     "brdf",
     "build_posterior",
     "check_measurement",
+    "degree_of_linear_polarization",
     "dhr",
     "fit",
     "load_analysis",
+    "mueller",
     "normalisation_error",
     "read_measurement",
+    "reciprocal_brdf",
+    "reciprocity_defect",
     "reciprocity_ratio",
     "render_report",
     "simulate_measurement",
+    "stokes",
     "write_tidy_csv",
 ]
 

@@ -36,4 +36,4 @@ class FitError(PbrdfError, RuntimeError):
 
 
 class ConvergenceError(FitError):
-    """The sampler ran out of its budget before the convergence thresholds were met."""
+    """A sampler or an iteration ran out of its budget before its thresholds were met."""

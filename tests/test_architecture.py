@@ -19,7 +19,7 @@ PACKAGE = ROOT.name
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "physics"),
     ("config", "model", "measurement", "results"),
-    ("scan_statistics", "simulate"),
+    ("scan_statistics", "simulate", "polarimetry", "reciprocity"),
     ("data_checks", "inference", "io", "report"),
     ("stages", "curves"),
     ("summary", "tree"),

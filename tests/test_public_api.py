@@ -131,7 +131,7 @@ def test_public_methods_are_documented(name: str) -> None:
             assert callable_.__doc__, f"{name}.{attribute}"
 
 
-@pytest.mark.parametrize("name", ["brdf", "dhr"])
+@pytest.mark.parametrize("name", ["brdf", "dhr", "mueller", "reciprocal_brdf", "stokes"])
 def test_units_are_stated(name: str) -> None:
     doc = getattr(pb, name).__doc__
     assert "[deg]" in doc
