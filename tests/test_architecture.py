@@ -23,6 +23,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("data_checks", "inference", "io", "report"),
     ("stages", "curves"),
     ("summary", "tree"),
+    ("resume",),
     ("workflow",),
     ("checking", "prediction", "terminal", "bench"),
     ("cli",),
@@ -42,7 +43,7 @@ HOMES = {
     "xarray": {"io", "tree", "results"}, "numba": {"physics", "inference", "bench"},
     "llvmlite": {"physics.elementary"}, "fcntl": {"io.run_folder"}, "signal": {"cli"},
     "threadpoolctl": {"inference", "bench"}, "subprocess": set(), "pickle": set(), "arviz": set(),
-    "random": set(), "pathlib": {"io", "workflow", "checking", "prediction", "cli", "bench", "physics.compiled"},
+    "random": set(), "pathlib": {"io", "resume", "workflow", "checking", "prediction", "cli", "bench", "physics.compiled"},
     "os": {"io", "cli", "bench"}, "tempfile": {"io"}, "time": {"inference.ensembles", "io.checkpoint", "workflow", "bench"},
 }  # fmt: skip
 """What only these parts import, wherever it is imported at all."""
