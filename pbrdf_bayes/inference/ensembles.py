@@ -170,14 +170,17 @@ def walk_to(
 
     The pieces follow the clock, the steps do not.
     """
-    n_steps = _FIRST_STEPS
     while state.n_steps < end:
-        before = state
-        state = advance(posterior, state, moves, min(n_steps, end - state.n_steps), threads)
+        n_steps = min(_steps_of_a_piece(state), end - state.n_steps)
+        state = advance(posterior, state, moves, n_steps, threads)
         checkpoint.keep(state, False)
-        seconds = max(state.seconds - before.seconds, 1e-6)
-        n_steps = max(1, int(_PIECE_SECONDS * (state.n_steps - before.n_steps) / seconds))
     return state
+
+
+def _steps_of_a_piece(state: SamplerState) -> int:
+    if not state.n_steps:
+        return _FIRST_STEPS
+    return max(1, int(_PIECE_SECONDS * state.n_steps / max(state.seconds, 1e-6)))
 
 
 def _walk(

@@ -121,39 +121,31 @@ def write_text(path: Path, text: str) -> None:
     write_bytes(path, text.encode("utf-8"))
 
 
-def write_bytes(path: Path, content: bytes) -> None:
+def write_bytes(path: Path, content: bytes | memoryview) -> None:
     """Write a file whole or not at all.
 
     Raises
     ------
     RunFolderError
     """
-    with _replacing(path) as temporary:
-        temporary.write_bytes(content)
-
-
-@contextlib.contextmanager
-def _replacing(path: Path) -> Iterator[Path]:
-    """A file beside it to write to, which takes its place once all is on the disk."""
     temporary = None
     try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=_PART)
-        os.close(handle)
-        temporary = Path(name)
-        yield temporary
-        with temporary.open("rb+") as file:
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=_PART)
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
             os.fsync(file.fileno())
-        temporary.chmod(0o644)
+        os.chmod(temporary, 0o644)  # noqa: PTH101
         os.replace(temporary, path)  # noqa: PTH105
     except OSError as error:
         msg = (
-            f"{path}: cannot be written ({error.strerror or error}); what was there before is "
-            "unchanged. Make room or write elsewhere; an unfinished fit goes on with --resume"
+            f"{path}: cannot be written ({error.strerror}); what was there before is unchanged. "
+            "Make room or write elsewhere; an unfinished fit goes on with --resume"
         )
         raise RunFolderError(msg) from None
     finally:
         if temporary is not None:
-            temporary.unlink(missing_ok=True)
+            Path(temporary).unlink(missing_ok=True)
 
 
 def remove_parts(folder: Path) -> None:
@@ -197,8 +189,8 @@ def save_analysis(analysis: Analysis, folder: Path, *, report: str, log: str) ->
     """
     summary = finite_only(analysis.summary)
     validate_summary(summary, where=str(folder))
-    with _replacing(folder / POSTERIOR) as temporary:
-        analysis.draws.to_netcdf(temporary, engine="h5netcdf")
+    # made in memory: where the disk is full, HDF5 ends the process
+    write_bytes(folder / POSTERIOR, analysis.draws.to_netcdf(engine="h5netcdf"))
     write_text(folder / CONFIG, analysis.config_toml)
     write_text(folder / LOG, log)
     write_text(folder / REPORT, report)
