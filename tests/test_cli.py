@@ -475,7 +475,9 @@ def test_an_interrupted_fit_leaves_nothing_half(
     folder = tmp_path / "run"
     with Sampling(fit_command(small_csv, folder, config)) as sampling:
         sampling.wait()  # while it runs, nobody else may write there
-        assert run("fit", small_csv, "--out", folder, "--config", config, "--quiet") == 2
+        assert (
+            run("fit", small_csv, "--out", folder, "--config", config, "--resume", "--quiet") == 2
+        )
         assert "another process is writing this run" in capsys.readouterr().err
         assert sampling.interrupt(signal.SIGINT) == 130
     text = "".join(sampling.lines)
