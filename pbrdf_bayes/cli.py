@@ -81,23 +81,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except PbrdfError as error:
         print(f"pbrdf-bayes {options.verb}: {error}", file=sys.stderr)
         return error.exit_code
-    except KeyboardInterrupt:
-        return _say_interrupted()
+    except KeyboardInterrupt as stop:
+        return _say_interrupted(stop)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
     except OSError as error:  # of standard output, or of a name no file can have
         print(f"pbrdf-bayes {options.verb}: the system refused: {error}", file=sys.stderr)
         return BAD_INPUT
-    except Exception:
+    except Exception as error:
         if _interrupted.is_set():  # compiled code turns the interrupt into an error of its own
-            return _say_interrupted()
+            return _say_interrupted(error)
         raise
     return code
 
 
-def _say_interrupted() -> int:
-    print("\ninterrupted; nothing was left half written", file=sys.stderr)
+def _say_interrupted(stop: BaseException) -> int:
+    notes = getattr(stop, "__notes__", [])
+    print("\ninterrupted; nothing was left half written", *notes, sep="\n", file=sys.stderr)
     return INTERRUPTED
 
 
@@ -173,7 +174,7 @@ def _add_fit(verbs: Any) -> None:
                         help="none (default: the four-parameter model), or names")  # fmt: skip
     parser.add_argument("--seed", type=_seed, default=1, metavar="N", help="seed (default 1)")
     parser.add_argument("--resume", action="store_true",
-                        help="start or redo the run in DIR; a finished one is kept")  # fmt: skip
+                        help="go on with the run in DIR or start it")  # fmt: skip
     parser.add_argument("--strict", action="store_true", help="exit 4 when the verdict is FAIL")
     parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
 

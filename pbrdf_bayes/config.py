@@ -65,7 +65,7 @@ class RunConfig:
     holdout : bool
         Repeat the paper's recipe (DHR and one scan fitted, the other scans predicted).
     n_ensembles, n_walkers : int
-        Independent ensembles and the walkers of each.
+        Independent ensembles and the walkers of each; at least three a parameter are taken.
     max_steps : int
         Budget of steps of each ensemble; beyond it the run ends as not converged.
     threads : int

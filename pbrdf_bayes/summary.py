@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from pbrdf_bayes import __version__
-from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.inference.diagnostics import (
     CONTRACTION_WARN,
     FAIL,
@@ -20,6 +19,7 @@ from pbrdf_bayes.inference.diagnostics import (
     overall_verdict,
 )
 from pbrdf_bayes.inference.holdout import Holdout
+from pbrdf_bayes.inference.rejected import together
 from pbrdf_bayes.inference.sampling import Draws
 from pbrdf_bayes.io.config_toml import config_table
 from pbrdf_bayes.results import SCHEMA_VERSION
@@ -44,7 +44,7 @@ def summarise(s: Stages) -> dict[str, Any]:
         "headline": _headline(s, verdict),
         "input": _input(s),
         "config": config_table(config),
-        "versions": _versions(),
+        "versions": versions(),
         "platform": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
         "seed": s.seed,
         "effects": list(config.effects),
@@ -60,7 +60,8 @@ def summarise(s: Stages) -> dict[str, Any]:
         "fit": _fit(s),
         "discrepancy": None if s.discrepancy is None else asdict(s.discrepancy),
         "map": _map(s),
-        "sampling": _sampling(s.draws, config),
+        "sampling": _sampling(s.draws),
+        "rejected": _rejected(s),
         "accuracy": {
             "level": config.accuracy,
             "rtol": config.rtol,
@@ -125,7 +126,8 @@ def _input(s: Stages) -> dict[str, Any]:
     }
 
 
-def _versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
+    """Version of this package and of those that its numbers and pages depend on."""
     found = {"pbrdf-bayes": __version__}
     for name in _PACKAGES:
         found[name] = metadata.version(name)
@@ -191,11 +193,11 @@ def _map(s: Stages) -> dict[str, Any]:
     }
 
 
-def _sampling(draws: Draws, config: RunConfig) -> dict[str, Any]:
+def _sampling(draws: Draws) -> dict[str, Any]:
     return {
         "method": draws.method,
         "n_ensembles": len(np.unique(draws.ensemble)),
-        "n_walkers": config.n_walkers if draws.method == "emcee" else 1,
+        "n_walkers": len(draws.x) // len(np.unique(draws.ensemble)),
         "n_steps": draws.n_steps,
         "n_burn": draws.n_burn,
         "thin": draws.thin,
@@ -205,6 +207,16 @@ def _sampling(draws: Draws, config: RunConfig) -> dict[str, Any]:
         "k_hat": draws.k_hat,
         "moves": draws.moves,
         "n_evaluations": draws.n_evaluations,
+    }
+
+
+def _rejected(s: Stages) -> dict[str, Any]:
+    """Points at which the model gave NaN or infinity."""
+    found = together(s.optima.rejected, s.draws.rejected)
+    names = s.posterior.parameter_names
+    return {
+        "n": found.n,
+        "examples": [dict(zip(names, x.tolist(), strict=True)) for x in found.examples],
     }
 
 

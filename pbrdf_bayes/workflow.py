@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.inference.bands import Bands, Targets, predict_bands, scan_scales
 from pbrdf_bayes.inference.diagnostics import assess_identifiability, run_diagnostics
 from pbrdf_bayes.inference.discrepancy_size import measure_discrepancy
+from pbrdf_bayes.inference.ensembles import Checkpoint
 from pbrdf_bayes.inference.holdout import run_holdout
 from pbrdf_bayes.inference.laplace import laplace_mixture
 from pbrdf_bayes.inference.least_squares import fit_least_squares
@@ -33,13 +34,21 @@ from pbrdf_bayes.inference.residuals import (
 )
 from pbrdf_bayes.inference.sampling import Draws, Progress, sample_posterior
 from pbrdf_bayes.io import run_folder
-from pbrdf_bayes.io.config_toml import config_from_table, config_table, config_to_toml
+from pbrdf_bayes.io.checkpoint import Checkpoints, open_checkpoints, remove_checkpoints
+from pbrdf_bayes.io.config_toml import config_from_table, config_to_toml
 from pbrdf_bayes.io.tidy_csv import read_measurement
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.model import check_directions
 from pbrdf_bayes.physics.brdf import evaluate
 from pbrdf_bayes.report.page import render_report
 from pbrdf_bayes.results import Analysis
+from pbrdf_bayes.resume import (
+    finished_summary,
+    going_on,
+    history,
+    run_identity,
+    stage_checkpoint,
+)
 from pbrdf_bayes.stages import Stages
 from pbrdf_bayes.summary import summarise
 from pbrdf_bayes.tree import build_tree, measurement_of
@@ -115,19 +124,21 @@ def fit(
 
 
 def _fit_posterior(
-    posterior: Posterior, checks: tuple[DataCheck, ...], seed: int, clock: _Clock
-) -> Analysis:
-    config = posterior.config
+    posterior: Posterior, checks: tuple[DataCheck, ...], seed: int, clock: _Clock,
+    checkpoints: Checkpoints | None = None,
+) -> Analysis:  # fmt: skip
+    config, measurement = posterior.config, posterior.measurement
+    checkpoint = partial(stage_checkpoint, checkpoints)
     with clock.stage("optimise"):
         optima = find_map(posterior, seed=seed)
         best_x, best_rms = fit_least_squares(posterior, np.array([o.x for o in optima.optima]))
         residuals = compute_residuals(posterior, optima.best.x)
         best = calibrated_residuals(posterior, best_x)
     with clock.stage("sample"):
-        draws = _sample(posterior, optima, seed, clock.observer.progress)
+        draws = _sample(posterior, optima, seed, clock.observer.progress, checkpoint("sample"))
     with clock.stage("identify"):
         share = effective_share(best.lag1) if posterior.discrepancy is None else 1.0
-        tempered = _tempered_draws(posterior, draws, share, seed)
+        tempered = _tempered_draws(posterior, draws, share, seed, checkpoint("identify"))
         identifiability = assess_identifiability(posterior, draws.flat, tempered, share)
         discrepancy = measure_discrepancy(posterior, draws.flat, seed=seed)
     with clock.stage("predict"):
@@ -138,7 +149,11 @@ def _fit_posterior(
         scales = scan_scales(posterior, picked, rng)
         covered = count_covered(posterior, picked, optima.best.x, scales, rng)
     with clock.stage("hold out"):
-        holdout = run_holdout(posterior.measurement, config, seed=seed) if config.holdout else None
+        holdout = (
+            run_holdout(measurement, config, seed=seed, checkpoint=checkpoint("holdout"))
+            if config.holdout
+            else None
+        )
     diagnostics = run_diagnostics(
         config=config, draws=draws, optima=optima, residuals=best, best_rms_dex=best_rms,
         white_noise_dex=white_noise_dex(posterior), identifiability=identifiability,
@@ -159,16 +174,19 @@ def _fit_posterior(
 
 def _sample(
     posterior: Posterior, optima: MapResult, seed: int,
-    progress: Callable[[Progress], None] | None,
+    progress: Callable[[Progress], None] | None, checkpoint: Checkpoint,
 ) -> Draws:  # fmt: skip
     method = ACCURACIES[posterior.config.accuracy].method
     mixture = laplace_mixture(posterior, optima)
     return sample_posterior(
-        posterior, mixture, posterior.config, method=method, seed=seed, progress=progress
-    )
+        posterior, mixture, posterior.config, method=method, seed=seed, progress=progress,
+        checkpoint=checkpoint,
+    )  # fmt: skip
 
 
-def _tempered_draws(posterior: Posterior, draws: Draws, share: float, seed: int) -> Array:
+def _tempered_draws(
+    posterior: Posterior, draws: Draws, share: float, seed: int, checkpoint: Checkpoint
+) -> Array:
     """Draws with the likelihood weakened to the effective number of readings."""
     if share == 1.0:
         return draws.flat
@@ -176,7 +194,9 @@ def _tempered_draws(posterior: Posterior, draws: Draws, share: float, seed: int)
     weak = replace(posterior.tempered(share), config=draft)
     optima = find_map(weak, n_starts=4, seed=seed)
     mixture = laplace_mixture(weak, optima)
-    return sample_posterior(weak, mixture, draft, method="psis", seed=seed).flat
+    return sample_posterior(
+        weak, mixture, draft, method="psis", seed=seed, checkpoint=checkpoint
+    ).flat
 
 
 def _normalisation_error(posterior: Posterior, x: Array) -> float:
@@ -232,8 +252,8 @@ def fit_file(
         The run folder itself; reports/<sample>/<time> by default.
     seed : int
     resume : bool
-        A finished run in ``out`` is returned as it is, an unfinished one is done again: the draws
-        are a function of data, configuration and seed, and come out the same.
+        A finished run in ``out`` is returned as it is; an unfinished one goes on from its
+        checkpoint, to the draws that it would have had without the interruption.
     observer : Observer, optional
 
     Returns
@@ -245,7 +265,8 @@ def fit_file(
     DataError, ConfigError
         Nothing was written.
     RunFolderError
-        ``out`` holds a run already, a different one, or cannot be written.
+        ``out`` holds a run already or a different one, is in use by another process, has a damaged
+        checkpoint, or cannot be written.
     """
     clock = _Clock(observer or Observer())
     with clock.stage("read"):
@@ -257,12 +278,17 @@ def fit_file(
     folder = out or run_folder.new_run_folder(Path("reports"), measurement.sample)
     _refuse_other_content(folder, resume=resume)
     if resume and run_folder.is_finished(folder):
-        return _finished_run(folder, measurement, config, seed)
+        summary = finished_summary(folder, posterior, seed)
+        return FitRun(folder, summary["status"], summary["verdict"])
     with run_folder.locked(folder):
-        analysis = _fit_posterior(posterior, checks, seed, clock)
-        report = _render(analysis, clock)
-        log = "\n".join([f"sample {measurement.sample!r}, seed {seed}", *clock.log, ""])
+        checkpoints = open_checkpoints(folder, run_identity(posterior, seed))
+        with going_on(checkpoints):
+            analysis = _fit_posterior(posterior, checks, seed, clock, checkpoints)
+            report = _render(analysis, clock)
+        told = [f"sample {measurement.sample!r}, seed {seed}", *clock.log]
+        log = "\n".join([*told, *history(checkpoints, analysis.summary), ""])
         run_folder.save_analysis(analysis, folder, report=report, log=log)
+        remove_checkpoints(folder)
     return FitRun(folder, analysis.summary["status"], analysis.summary["verdict"])
 
 
@@ -280,27 +306,6 @@ def _refuse_other_content(folder: Path, *, resume: bool) -> None:
     if visible and not resume:
         msg = f"{folder}: not empty ({', '.join(visible[:3])}). Add --resume, or give another --out"
         raise RunFolderError(msg)
-
-
-def _finished_run(folder: Path, measurement: Measurement, config: RunConfig, seed: int) -> FitRun:
-    """The run that is there, if it is the one that was asked for."""
-    summary = run_folder.load_summary(folder)
-    wanted: Mapping[str, Any] = {
-        "data": measurement.sha256, "sample": measurement.sample, "seed": seed,
-        **run_folder.finite_only(config_table(config)),
-    }  # fmt: skip
-    found = {
-        "data": summary["input"]["sha256"], "sample": summary["sample"], "seed": summary["seed"],
-        **summary["config"],
-    }  # fmt: skip
-    different = [
-        f"  {key}: {found.get(key)!r} there, {value!r} now"
-        for key, value in wanted.items() if found.get(key) != value
-    ]  # fmt: skip
-    if different:
-        msg = f"{folder}: holds the run of something else:\n" + "\n".join(different)
-        raise RunFolderError(msg + "\nGive another --out")
-    return FitRun(folder, summary["status"], summary["verdict"])
 
 
 def rebuild_report(folder: Path) -> Path:

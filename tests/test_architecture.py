@@ -23,6 +23,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("data_checks", "inference", "io", "report"),
     ("stages", "curves"),
     ("summary", "tree"),
+    ("resume",),
     ("workflow",),
     ("checking", "prediction", "terminal", "bench"),
     ("cli",),
@@ -37,13 +38,13 @@ LONG: dict[str, int] = {"physics.normalisation": 450}
 
 HOMES = {
     "matplotlib": {"report", "bench"}, "jinja2": {"report", "bench"}, "nlopt": {"inference.map_fit"},
-    "emcee": {"inference.sampling"}, "arviz_stats": {"inference.arviz_adapter"},
+    "emcee": {"inference.sampling", "inference.ensembles"}, "arviz_stats": {"inference.arviz_adapter"},
     "jsonschema": {"io"}, "tomllib": {"io"}, "csv": {"io"}, "argparse": {"cli"}, "pandas": {"io"},
     "xarray": {"io", "tree", "results"}, "numba": {"physics", "inference", "bench"},
     "llvmlite": {"physics.elementary"}, "fcntl": {"io.run_folder"}, "signal": {"cli"},
     "threadpoolctl": {"inference", "bench"}, "subprocess": set(), "pickle": set(), "arviz": set(),
-    "random": set(), "pathlib": {"io", "workflow", "checking", "prediction", "cli", "bench", "physics.compiled"},
-    "os": {"io", "cli", "bench"}, "tempfile": {"io"}, "time": {"inference.sampling", "workflow", "bench"},
+    "random": set(), "pathlib": {"io", "resume", "workflow", "checking", "prediction", "cli", "bench", "physics.compiled"},
+    "os": {"io", "cli", "bench"}, "tempfile": {"io"}, "time": {"inference.ensembles", "io.checkpoint", "workflow", "bench"},
 }  # fmt: skip
 """What only these parts import, wherever it is imported at all."""
 
@@ -221,7 +222,7 @@ def test_randomness_is_an_argument() -> None:
                     assert "default_rng" not in ast.unparse(call.func), name
         text = ast.unparse(tree)
         assert "np.random.seed" not in text, name
-        assert ("RandomState(" in text) <= (name == "inference.sampling"), name
+        assert ("RandomState(" in text) <= (name == "inference.ensembles"), name
 
 
 def test_nothing_is_swallowed() -> None:

@@ -19,6 +19,7 @@ import pbrdf_bayes as pb
 from pbrdf_bayes.curves import angles_between
 from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.inference.bands import Targets
+from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.io.run_folder import finite_only, load_analysis, save_analysis, validate_summary
 from pbrdf_bayes.measurement import select_scans
 from pbrdf_bayes.results import QUANTILES, Analysis
@@ -354,6 +355,37 @@ def test_angles_between_are_the_middles_of_the_widest_gaps(
     measured: list[float], wanted: tuple[float, ...]
 ) -> None:
     assert angles_between(measured) == wanted
+
+
+def test_points_where_the_model_gives_nan_are_rejected_counted_and_told(
+    measurement: pb.Measurement, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In summary, log, verdicts and report, with their parameters; no draw lies there."""
+    log_likelihood = Posterior.log_likelihood
+
+    def with_a_hole(self: Posterior, x: Any) -> Any:
+        values = log_likelihood(self, x)
+        values[np.asarray(x)[:, 0] > 1.53] = np.nan
+        return values
+
+    monkeypatch.setattr(Posterior, "log_likelihood", with_a_hole)
+    csv = tmp_path / "small.csv"
+    pb.write_tidy_csv(measurement, csv)
+    run = fit_file(csv, replace(DRAFT, holdout=False), out=tmp_path / "run", seed=1)
+    found = load_analysis(run.folder)
+    rejected = found.summary["rejected"]
+    assert rejected["n"] > 100
+    assert len(rejected["examples"]) == 5
+    assert all(list(point) == NAMES and point["n"] > 1.53 for point in rejected["examples"])
+    assert float(found.draws["posterior"]["n"].max()) <= 1.53
+    row = found.summary["diagnostics"]["not_finite"]
+    assert (row["value"], row["verdict"]) == (rejected["n"], "WARN")
+    first = f"n = {rejected['examples'][0]['n']:.6g}, k = "
+    assert first in row["statement"]
+    assert first in (run.folder / "report.html").read_text(encoding="utf-8")
+    log = (run.folder / "log.txt").read_text(encoding="utf-8")
+    assert f"{rejected['n']} points rejected: the model gave no finite density" in log
+    assert str(rejected["examples"][0]) in log
 
 
 # ------------------------------------------------------------------------------------- prediction

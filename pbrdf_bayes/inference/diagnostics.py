@@ -15,6 +15,7 @@ from pbrdf_bayes.inference.holdout import Holdout
 from pbrdf_bayes.inference.map_fit import MapResult
 from pbrdf_bayes.inference.parameters import ParameterSpec
 from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.inference.rejected import Rejected, together
 from pbrdf_bayes.inference.residuals import Residuals, effective_share
 from pbrdf_bayes.inference.sampling import AUTOCORRELATION_TIMES, RHAT_LIMIT, Draws
 
@@ -145,6 +146,9 @@ def run_diagnostics(
         checks.append(_coverage(*covered, effective_share(residuals.lag1)))
     if holdout is not None:
         checks.append(_holdout(holdout))
+    rejected = together(optima.rejected, draws.rejected)
+    if rejected.n:
+        checks.append(_not_finite(rejected, identifiability.names))
     return tuple(checks)
 
 
@@ -353,4 +357,16 @@ def _holdout(holdout: Holdout) -> Diagnostic:
         verdict, holdout.statement,
         "" if verdict == PASS else "Curves at angles that were not measured are less certain than "
         "their bands say.",
+    )  # fmt: skip
+
+
+def _not_finite(rejected: Rejected, names: Sequence[str]) -> Diagnostic:
+    """Points that the model and not the prior rejects."""
+    first = ", ".join(f"{n} = {x:.6g}" for n, x in zip(names, rejected.examples[0], strict=False))
+    return Diagnostic(
+        "not_finite", "Points the model rejects", float(rejected.n), 0.0, "1", WARN,
+        f"At {rejected.n} points inside the prior the model gave no finite density; the first: "
+        f"{first}.",
+        "They were left out as impossible. Where they lie near the posterior it is cut there: "
+        "narrow the prior, or report these points (all parameters are in summary.json).",
     )  # fmt: skip

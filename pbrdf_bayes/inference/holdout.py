@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.inference.bands import inside_band, predict_bands, targets_at
+from pbrdf_bayes.inference.ensembles import Checkpoint
 from pbrdf_bayes.inference.laplace import laplace_mixture
 from pbrdf_bayes.inference.map_fit import find_map
 from pbrdf_bayes.inference.posterior import build_posterior
@@ -23,6 +24,7 @@ Array = NDArray[np.float64]
 _N_STARTS = 8
 _N_DRAWS = 400
 _MAX_STEPS = 1500
+_LEAST_SHARE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +78,13 @@ def _geometry(scan: Scan) -> tuple[str, float, float]:
     return scan.polarization, scan.theta_i_deg, scan.phi_r_deg
 
 
-def run_holdout(measurement: Measurement, config: RunConfig, *, seed: int) -> Holdout | None:
+def run_holdout(
+    measurement: Measurement,
+    config: RunConfig,
+    *,
+    seed: int,
+    checkpoint: Checkpoint | None = None,
+) -> Holdout | None:
     """Fit DHR and one scan, predict the others; None where there is no DHR or only one scan."""
     chosen = choose_scan(measurement)
     if chosen is None:
@@ -90,8 +98,9 @@ def run_holdout(measurement: Measurement, config: RunConfig, *, seed: int) -> Ho
     posterior = build_posterior(select_scans(measurement, keep, dhr=True), draft)
     optima = find_map(posterior, n_starts=_N_STARTS, seed=seed)
     draws = sample_posterior(
-        posterior, laplace_mixture(posterior, optima), draft, method="psis", seed=seed
-    )
+        posterior, laplace_mixture(posterior, optima), draft, method="psis", seed=seed,
+        checkpoint=checkpoint,
+    )  # fmt: skip
     rng = np.random.default_rng([seed, 3])
     picked = draws.flat[rng.choice(len(draws.flat), _N_DRAWS)]
     left_out = select_scans(measurement, other, dhr=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import ceil, log2
 
 import nlopt
@@ -13,6 +13,7 @@ from scipy.stats import qmc
 
 from pbrdf_bayes.errors import FitError
 from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.inference.rejected import Rejected, rejected_among
 
 Array = NDArray[np.float64]
 
@@ -60,11 +61,14 @@ class MapResult:
     n_starts : int
     n_failed : int
         Starts from which the optimiser found nothing finite, or stopped on a slope.
+    rejected : Rejected
+        Points of the prior, tried as starts, at which the model gave no finite density.
     """
 
     optima: tuple[Optimum, ...]
     n_starts: int
     n_failed: int
+    rejected: Rejected = field(default_factory=Rejected)
 
     @property
     def best(self) -> Optimum:
@@ -122,7 +126,9 @@ def find_map(posterior: Posterior, *, n_starts: int = 16, seed: int) -> MapResul
         raise FitError(msg)
     ends = [end for end in finite if is_stationary(posterior, end[0], low, high)]
     ends = ends or [max(finite, key=lambda end: end[1])]
-    return MapResult(_distinct(posterior, ends, low, high), n_starts, n_starts - len(ends))
+    rejected = rejected_among(posterior, x, density)
+    optima = _distinct(posterior, ends, low, high)
+    return MapResult(optima, n_starts, n_starts - len(ends), rejected)
 
 
 def climb(posterior: Posterior, start: Array, low: Array, high: Array) -> tuple[Array, float]:

@@ -101,12 +101,15 @@ class Posterior:
         return replace(self, weight=weight)
 
     def log_prob(self, x: ArrayLike) -> Array:
-        """Natural log of prior times likelihood, shape (n_sets,); -inf outside the support."""
+        """Natural log of prior times likelihood, shape (n_sets,).
+
+        -inf outside the support, and where the model gives NaN or infinity.
+        """
         x = self._checked(x)
         result = self.log_prior(x)
         inside = np.isfinite(result)
         result[inside] += self.log_likelihood(x[inside])
-        result[np.isnan(result)] = -np.inf
+        result[~(result < np.inf)] = -np.inf  # NaN and inf: no place to stay
         return result
 
     def log_prob_gradient(self, x: ArrayLike) -> tuple[Array, Array]:
@@ -128,7 +131,7 @@ class Posterior:
         )
         values[inside] += self.weight * likelihood
         slopes[inside] += self.weight * likelihood_slopes
-        values[np.isnan(values)] = -np.inf
+        values[~(values < np.inf)] = -np.inf
         return values, np.where(np.isfinite(values)[:, None], slopes, 0.0)
 
     def sample_prior(self, rng: np.random.Generator, size: int) -> Array:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from math import ceil
 
 import emcee
 import numpy as np
@@ -14,7 +13,15 @@ from threadpoolctl import threadpool_limits
 
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.inference import arviz_adapter
+from pbrdf_bayes.inference.ensembles import (
+    Checkpoint,
+    Moves,
+    SamplerState,
+    begin,
+    walk_to,
+)
 from pbrdf_bayes.inference.importance import (
+    FITTING_SHARE,
     K_HAT_LIMIT,
     ImportanceDraws,
     adapt_mixture,
@@ -23,12 +30,16 @@ from pbrdf_bayes.inference.importance import (
 from pbrdf_bayes.inference.map_fit import coordinate_bounds
 from pbrdf_bayes.inference.mixture import Mixture, fit_mixture
 from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.inference.rejected import Rejected, together
 
 Array = NDArray[np.float64]
 
 RHAT_LIMIT = 1.01
 AUTOCORRELATION_TIMES = 50.0
-_CHECK_EVERY = 50
+_FEWEST_STEPS = 100
+_GROWTH = 3
+_FEWEST_WALKERS = 3
+"""Per parameter: the density of half of them must not be flat in any direction."""
 _BURN_TIMES = 8.0
 _OVERDISPERSION = 2.0
 _KEPT_DRAWS = 20_000
@@ -78,6 +89,8 @@ class Draws:
     n_evaluations : int
         Likelihood evaluations.
     moves : str
+    rejected : Rejected
+        Points at which the model gave no finite density.
     """
 
     x: Array
@@ -97,6 +110,7 @@ class Draws:
     k_hat: float
     n_evaluations: int
     moves: str
+    rejected: Rejected = field(default_factory=Rejected)
 
     @property
     def flat(self) -> Array:
@@ -112,6 +126,8 @@ def sample_posterior(
     method: str,
     seed: int,
     progress: Callable[[Progress], None] | None = None,
+    checkpoint: Checkpoint | None = None,
+    least_share: float = FITTING_SHARE,
 ) -> Draws:
     """Draw from the posterior, the fast way where it can be trusted.
 
@@ -124,26 +140,33 @@ def sample_posterior(
     method : {"psis", "emcee"}
         ``psis`` falls through to ``emcee`` when its Pareto shape or sample size is not good enough.
     seed : int
-        The draws are a function of it.
+        The draws are a function of it, whether or not the walk was interrupted.
     progress : callable, optional
+    checkpoint : Checkpoint, optional
+        A state to go on from, and who is handed the states that are reached.
+    least_share : float
+        Effective share of the proposals from which ``psis`` is good enough here.
 
     Returns
     -------
     Draws
         ``converged`` is False when the budget of steps ran out first.
     """
-    mixture = adapt_mixture(posterior, mixture, seed=seed)
-    quick = _try_importance(posterior, mixture, seed)
-    if method == "psis" and quick.usable(config.ess_target):
-        return _from_importance(posterior, quick)
+    checkpoint = checkpoint or Checkpoint()
+    state = checkpoint.found
+    if state is None:
+        mixture = adapt_mixture(posterior, mixture, seed=seed)
+        quick = _try_importance(posterior, mixture, seed)
+        if method == "psis" and quick.usable(config.ess_target, least_share):
+            return _from_importance(posterior, quick)
     with threadpool_limits(limits=1, user_api="blas"):
-        starts = _start_ensembles(posterior, mixture, config, seed)
-        if method == "psis" or not _covers(quick):
-            mixture, starts = _explore(posterior, starts, config, seed)
-            mixture, quick = _better_proposal(posterior, mixture, seed)
-            if method == "psis" and quick.usable(config.ess_target):
+        if state is None:
+            state = _start_ensembles(posterior, mixture, quick, config, seed, method)
+        if state.exploring:
+            state, quick = _explore(posterior, state, config, seed, checkpoint)
+            if method == "psis" and quick.usable(config.ess_target, least_share):
                 return _from_importance(posterior, quick)
-        return _run_ensembles(posterior, mixture, starts, config, seed, quick, progress)
+        return _run_ensembles(posterior, state, config, progress, checkpoint)
 
 
 def _better_proposal(
@@ -177,7 +200,7 @@ def _from_importance(posterior: Posterior, quick: ImportanceDraws) -> Draws:
         method="psis", converged=True, n_steps=x.shape[1], n_burn=0, thin=1,
         autocorrelation_time=np.nan, k_hat=quick.k_hat,
         n_evaluations=quick.n_evaluations,
-        moves="importance resampling from an adapted t mixture",
+        moves="importance resampling from an adapted t mixture", rejected=quick.rejected,
     )  # fmt: skip
 
 
@@ -192,9 +215,7 @@ def independence_move(mixture: Mixture) -> object:
     return emcee.moves.MHMove(propose)
 
 
-def choose_moves(
-    mixture: Mixture, quick: ImportanceDraws
-) -> tuple[list[tuple[object, float]], str]:
+def choose_moves(mixture: Mixture, quick: ImportanceDraws) -> tuple[Moves, str]:
     """Moves and their shares: more of the mixture the better it covers the posterior."""
     # not emcee's snooker: its acceptance does not leave the target invariant
     if _covers(quick):
@@ -213,84 +234,76 @@ def _covers(quick: ImportanceDraws) -> bool:
     return quick.k_hat < _INDEPENDENCE_K_HAT and quick.ess > _INDEPENDENCE_ESS * quick.n_evaluations
 
 
-class _Ensemble:
-    """One seeded emcee ensemble that can be advanced step by step."""
-
-    def __init__(
-        self, posterior: Posterior, start: Array, seed: int, moves: list[tuple[object, float]]
-    ) -> None:
-        self.state: object = start
-        self.sampler = emcee.EnsembleSampler(
-            len(start), start.shape[1], posterior.log_prob_coordinates, moves=moves, vectorize=True
-        )
-        # emcee ignores an integer here without a word; only a full state seeds it
-        self.sampler.random_state = np.random.RandomState(seed).get_state()
-
-    def advance(self, n_steps: int) -> None:
-        self.state = self.sampler.run_mcmc(self.state, n_steps, skip_initial_state_check=True)
-
-
 def _start_ensembles(
-    posterior: Posterior, mixture: Mixture, config: RunConfig, seed: int
-) -> list[Array]:
-    """Over-dispersed walkers of every ensemble."""
-    return [
-        start_walkers(posterior, mixture, config.n_walkers, s)
-        for s in _ensemble_seeds(config, seed)
-    ]
+    posterior: Posterior, mixture: Mixture, quick: ImportanceDraws, config: RunConfig, seed: int,
+    method: str,
+) -> SamplerState:  # fmt: skip
+    """Over-dispersed walkers of every ensemble; they explore first where the proposal is poor."""
+    exploring = method == "psis" or not _covers(quick)
+    seeds = _ensemble_seeds(config, seed)
+    n_walkers = max(config.n_walkers, 2 * ceil(_FEWEST_WALKERS * posterior.n_par / 2))
+    starts = [start_walkers(posterior, mixture, n_walkers, s) for s in seeds]
+    return begin(
+        starts, _ensemble_seeds(config, seed + 1) if exploring else seeds, mixture, quick,
+        exploring=exploring, rejected=quick.rejected,
+    )  # fmt: skip
 
 
 def _ensemble_seeds(config: RunConfig, seed: int) -> list[int]:
     return [int(s) for s in np.random.SeedSequence(seed).generate_state(config.n_ensembles)]
 
 
+def _exploring_moves() -> Moves:
+    return [(emcee.moves.KDEMove(), 0.5), (emcee.moves.DEMove(), 0.5)]
+
+
 def _explore(
-    posterior: Posterior, starts: list[Array], config: RunConfig, seed: int
-) -> tuple[Mixture, list[Array]]:
+    posterior: Posterior, state: SamplerState, config: RunConfig, seed: int, checkpoint: Checkpoint
+) -> tuple[SamplerState, ImportanceDraws]:
     """Let the ensembles find the shape of the posterior, and fit the proposal to their walk.
 
     The walk itself is thrown away; from its last places the ensembles go on with a proposal that
     changes no more.
     """
-    ensembles = [  # moves keep state while they propose: one set for each ensemble and its thread
-        _Ensemble(posterior, start, s, [(emcee.moves.KDEMove(), 0.5), (emcee.moves.DEMove(), 0.5)])
-        for start, s in zip(starts, _ensemble_seeds(config, seed + 1), strict=True)
-    ]
-    _advance(ensembles, _EXPLORED_STEPS, config.threads)
-    walk = [e.sampler.get_chain()[_EXPLORED_STEPS // 2 :] for e in ensembles]
-    z = np.concatenate([chain.reshape(-1, chain.shape[2]) for chain in walk])
+    state = walk_to(
+        posterior, state, _exploring_moves, _EXPLORED_STEPS,
+        threads=config.threads, checkpoint=checkpoint,
+    )  # fmt: skip
+    checkpoint.keep(state, True)
+    z = state.z[:, _EXPLORED_STEPS // 2 :].reshape(-1, posterior.n_par)
     rng = np.random.default_rng([seed, 9])
     mixture = fit_mixture(z, np.full(len(z), 1.0 / len(z)), _EXPLORED_COMPONENTS, rng)
-    return mixture, [chain[-1] for chain in walk]
-
-
-def _advance(ensembles: list[_Ensemble], n_steps: int, threads: int) -> None:
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(_Ensemble.advance, ensembles, [n_steps] * len(ensembles)))
+    mixture, quick = _better_proposal(posterior, mixture, seed)
+    quick = replace(quick, rejected=together(state.rejected, quick.rejected))
+    state = begin(
+        list(state.z[:, -1]), _ensemble_seeds(config, seed), mixture, quick,
+        exploring=False, rejected=quick.rejected,
+    )  # fmt: skip
+    checkpoint.keep(state, True)
+    return state, quick
 
 
 def _run_ensembles(
-    posterior: Posterior, mixture: Mixture, starts: list[Array], config: RunConfig, seed: int,
-    quick: ImportanceDraws, progress: Callable[[Progress], None] | None,
+    posterior: Posterior, state: SamplerState, config: RunConfig,
+    progress: Callable[[Progress], None] | None, checkpoint: Checkpoint,
 ) -> Draws:  # fmt: skip
     """Advance all ensembles in rounds until two rounds in a row pass."""
-    started = time.perf_counter()
-    _, words = choose_moves(mixture, quick)
-    ensembles = [  # moves keep state while they propose: one set for each ensemble and its thread
-        _Ensemble(posterior, start, s, choose_moves(mixture, quick)[0])
-        for start, s in zip(starts, _ensemble_seeds(config, seed), strict=True)
-    ]
-    passed = 0
-    n_steps = 0
-    while passed < 2 and n_steps < config.max_steps:
-        round_steps = min(max(_CHECK_EVERY, n_steps // 8), config.max_steps - n_steps)
-        _advance(ensembles, round_steps, config.threads)
-        n_steps += round_steps
-        draws = _summarise(posterior, ensembles, quick.k_hat, words)
-        passed = passed + 1 if _converged(draws, config) else 0
+
+    def moves() -> Moves:
+        return choose_moves(state.mixture, state.quick)[0]
+
+    while state.n_passed < 2 and state.n_checked < config.max_steps:
+        round_steps = max(_FEWEST_STEPS, state.n_checked // _GROWTH)
+        end = min(state.n_checked + round_steps, config.max_steps)
+        state = walk_to(posterior, state, moves, end, threads=config.threads, checkpoint=checkpoint)
+        draws = _summarise(posterior, state)
+        n_passed = state.n_passed + 1 if _converged(draws, config) else 0
+        state = replace(state, n_checked=state.n_steps, n_passed=n_passed)
+        checkpoint.keep(state, False)
         if progress is not None:
-            progress(_progress(draws, config, time.perf_counter() - started))
-    return _thin(draws, converged=passed >= 2)
+            progress(_progress(draws, config, state.seconds))
+    checkpoint.keep(state, True)
+    return _thin(_summarise(posterior, state), converged=state.n_passed >= 2)
 
 
 def start_walkers(posterior: Posterior, mixture: Mixture, n_walkers: int, seed: int) -> Array:
@@ -312,27 +325,28 @@ def start_walkers(posterior: Posterior, mixture: Mixture, n_walkers: int, seed: 
     return np.concatenate([kept, posterior.to_coordinates(posterior.prior_quantile(fill))])
 
 
-def _summarise(posterior: Posterior, ensembles: list[_Ensemble], k_hat: float, moves: str) -> Draws:
+def _summarise(posterior: Posterior, state: SamplerState) -> Draws:
     """Diagnostics of all steps after burn-in."""
-    chains = np.concatenate([e.sampler.get_chain().swapaxes(0, 1) for e in ensembles])
-    log_prob = np.concatenate([e.sampler.get_log_prob().T for e in ensembles])
+    n_ensembles, n_walkers = state.starts.shape[:2]
+    chains = state.z.swapaxes(1, 2).reshape(n_ensembles * n_walkers, -1, posterior.n_par)
+    log_prob = state.log_prob.swapaxes(1, 2).reshape(len(chains), -1)
     n_steps = chains.shape[1]
-    ensemble = np.repeat(np.arange(len(ensembles)), len(chains) // len(ensembles))
+    ensemble = np.repeat(np.arange(n_ensembles), n_walkers)
     tau = _autocorrelation_time(chains[:, n_steps // 4 :], ensemble)
     n_burn = min(int(max(_BURN_TIMES * tau, n_steps // 5)), n_steps // 2)
     z = chains[:, n_burn:]
     x = posterior.from_coordinates(z)
     # the walkers of one ensemble move together a little: the smaller of two estimates counts
     by_tau = z.shape[0] * z.shape[1] / tau
-    acceptance = np.concatenate([e.sampler.acceptance_fraction for e in ensembles])
     return Draws(
-        x=x, log_prob=log_prob[:, n_burn:], ensemble=ensemble, acceptance=acceptance,
+        x=x, log_prob=log_prob[:, n_burn:], ensemble=ensemble,
+        acceptance=state.accepted.ravel() / n_steps,
         ess_bulk=np.minimum(arviz_adapter.ess_bulk(x), by_tau),
         ess_tail=np.minimum(arviz_adapter.ess_tail(x), by_tau),
         rhat=arviz_adapter.rhat_between(x, ensemble), mcse_mean=arviz_adapter.mcse_mean(x),
         method="emcee", converged=False, n_steps=n_steps, n_burn=n_burn, thin=1,
-        autocorrelation_time=tau, k_hat=k_hat,
-        n_evaluations=n_steps * len(chains), moves=moves,
+        autocorrelation_time=tau, k_hat=state.quick.k_hat, n_evaluations=n_steps * len(chains),
+        moves=choose_moves(state.mixture, state.quick)[1], rejected=state.rejected,
     )  # fmt: skip
 
 

@@ -28,6 +28,7 @@ CONFIG = "config.toml"
 REPORT = "report.html"
 LOG = "log.txt"
 LOCK = ".lock"
+_PART = ".part"
 
 _RESERVED = {"con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for i in range(10))}
 _LONGEST_NAME = 80
@@ -117,13 +118,19 @@ def write_text(path: Path, text: str) -> None:
     ------
     RunFolderError
     """
-    _write_bytes(path, text.encode("utf-8"))
+    write_bytes(path, text.encode("utf-8"))
 
 
-def _write_bytes(path: Path, content: bytes) -> None:
+def write_bytes(path: Path, content: bytes | memoryview) -> None:
+    """Write a file whole or not at all.
+
+    Raises
+    ------
+    RunFolderError
+    """
     temporary = None
     try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=_PART)
         with os.fdopen(handle, "wb") as file:
             file.write(content)
             file.flush()
@@ -131,10 +138,38 @@ def _write_bytes(path: Path, content: bytes) -> None:
         os.chmod(temporary, 0o644)  # noqa: PTH101
         os.replace(temporary, path)  # noqa: PTH105
     except OSError as error:
+        msg = (
+            f"{path}: cannot be written ({error.strerror}); what was there before is unchanged. "
+            "Make room or write elsewhere; an unfinished fit goes on with --resume"
+        )
+        raise RunFolderError(msg) from None
+    finally:
         if temporary is not None:
             Path(temporary).unlink(missing_ok=True)
-        msg = f"{path}: cannot be written ({error.strerror}); what was there before is unchanged"
-        raise RunFolderError(msg) from None
+
+
+def remove_parts(folder: Path) -> None:
+    """Remove what a killed process had not finished writing; only with the lock in hand."""
+    for part in folder.glob(f".*{_PART}"):
+        part.unlink(missing_ok=True)
+
+
+def refuse_difference(
+    found: Mapping[str, Any], wanted: Mapping[str, Any], *, what: str, remedy: str
+) -> None:
+    """Refuse what was made from something else than what is wanted now.
+
+    Raises
+    ------
+    RunFolderError
+        With one line for every key that differs: its value there and now.
+    """
+    different = [
+        f"  {key}: {found.get(key)!r} there, {wanted.get(key)!r} now"
+        for key in {**wanted, **found} if found.get(key) != wanted.get(key)
+    ]  # fmt: skip
+    if different:
+        raise RunFolderError("\n".join([f"{what} of something else:", *different, remedy]))
 
 
 def save_analysis(analysis: Analysis, folder: Path, *, report: str, log: str) -> None:
@@ -154,22 +189,12 @@ def save_analysis(analysis: Analysis, folder: Path, *, report: str, log: str) ->
     """
     summary = finite_only(analysis.summary)
     validate_summary(summary, where=str(folder))
-    _write_netcdf(analysis.draws, folder / POSTERIOR)
+    # made in memory: where the disk is full, HDF5 ends the process
+    write_bytes(folder / POSTERIOR, analysis.draws.to_netcdf(engine="h5netcdf"))
     write_text(folder / CONFIG, analysis.config_toml)
     write_text(folder / LOG, log)
     write_text(folder / REPORT, report)
     write_text(folder / SUMMARY, json.dumps(summary, indent=1, ensure_ascii=False) + "\n")
-
-
-def _write_netcdf(tree: xr.DataTree, path: Path) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        tree.to_netcdf(temporary, engine="h5netcdf")
-        os.replace(temporary, path)  # noqa: PTH105
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        msg = f"{path}: cannot be written ({error.strerror}); what was there before is unchanged"
-        raise RunFolderError(msg) from None
 
 
 def load_analysis(folder: Path) -> Analysis:

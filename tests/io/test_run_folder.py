@@ -236,6 +236,25 @@ def test_a_run_that_fails_to_be_saved_is_not_finished(
     assert load_analysis(tmp_path).summary == loaded.summary
 
 
+@pytest.mark.skipif(os.name == "nt", reason="POSIX limits")
+@pytest.mark.parametrize("limit", [100, 20_000])
+def test_files_that_may_not_grow_leave_the_earlier_run(
+    run: Path, loaded: Analysis, limit: int
+) -> None:
+    """As on a full disk, by the system: HDF5 would end the process where it fails to write."""
+    import resource
+
+    before = {p.name: p.read_bytes() for p in run.iterdir()}
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limits[1]))
+    try:
+        with pytest.raises(RunFolderError, match=r"posterior\.nc: cannot be written \(File too"):
+            save_analysis(loaded, run, report="r", log="l")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert {p.name: p.read_bytes() for p in run.iterdir()} == before
+
+
 def test_the_summary_is_written_last(
     loaded: Analysis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,0 +1,107 @@
+"""Going on with a run: what makes it the same run, and what its samplers go on from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from pbrdf_bayes.inference.ensembles import (
+    Checkpoint,
+    SamplerState,
+    state_from_arrays,
+    state_to_arrays,
+)
+from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.io.checkpoint import Checkpoints, has_checkpoints, remove_checkpoints
+from pbrdf_bayes.io.config_toml import config_table
+from pbrdf_bayes.io.run_folder import finite_only, load_summary, locked, refuse_difference
+from pbrdf_bayes.summary import versions
+
+_DECISIVE = ("pbrdf-bayes", "numpy", "scipy", "numba", "emcee", "nlopt", "arviz-stats")
+"""Packages another version of which may draw something else."""
+
+
+def run_identity(posterior: Posterior, seed: int) -> dict[str, Any]:
+    """All that the draws of a run are a function of, as plain values.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    seed : int
+    """
+    m = posterior.measurement
+    return {
+        "data": m.sha256, "sample": m.sample, "wavelength_um": m.wavelength_um, "seed": seed,
+        "parameters": list(posterior.parameter_names),
+        **finite_only(config_table(posterior.config)), **_versions(versions()),
+    }  # fmt: skip
+
+
+def finished_summary(folder: Path, posterior: Posterior, seed: int) -> dict[str, Any]:
+    """Summary of the finished run that is there, if it is the one that was asked for.
+
+    Versions of packages do not count: nothing is drawn any more.
+
+    Raises
+    ------
+    RunFolderError
+        With what differs, where it is another one.
+    """
+    summary = load_summary(folder)
+    found = {
+        "data": summary["input"]["sha256"], "sample": summary["sample"],
+        "wavelength_um": summary["wavelength_um"], "seed": summary["seed"],
+        "parameters": list(summary["parameters"]), **summary["config"],
+    }  # fmt: skip
+    wanted = {key: value for key, value in run_identity(posterior, seed).items() if key in found}
+    refuse_difference(
+        found, wanted, what=f"{folder}: holds the run",
+        remedy="Give another --out",
+    )  # fmt: skip
+    if has_checkpoints(folder):  # ended after the last file, before this
+        with locked(folder):
+            remove_checkpoints(folder)
+    return summary
+
+
+def _versions(table: Mapping[str, str]) -> dict[str, str | None]:
+    return {f"version of {name}": table.get(name) for name in _DECISIVE}
+
+
+def stage_checkpoint(checkpoints: Checkpoints | None, stage: str) -> Checkpoint:
+    """What the sampler of a stage needs of the checkpoints of a run folder, if there is one."""
+    if checkpoints is None:
+        return Checkpoint()
+
+    def keep(state: SamplerState, at_once: bool) -> None:
+        checkpoints.keep(stage, state_to_arrays(state), at_once=at_once)
+
+    arrays = checkpoints.found.get(stage)
+    return Checkpoint(None if arrays is None else state_from_arrays(arrays), keep)
+
+
+@contextmanager
+def going_on(checkpoints: Checkpoints) -> Iterator[None]:
+    """Store the last state when the run is interrupted, and note how it can be finished."""
+    try:
+        with checkpoints.kept_when_interrupted():
+            yield
+    except BaseException as stop:
+        stop.add_note(f"go on with: --out {checkpoints.folder} --resume")
+        raise
+
+
+def history(checkpoints: Checkpoints, summary: Mapping[str, Any]) -> list[str]:
+    """Lines of the log: where the run went on from, and the points that the model rejected."""
+    lines = [
+        f"{stage}: gone on from step {arrays['z'].shape[1]} of a checkpoint"
+        + " (exploring)" * bool(arrays["exploring"])
+        for stage, arrays in checkpoints.found.items()
+    ]
+    rejected = summary["rejected"]
+    if rejected["n"]:
+        lines.append(f"{rejected['n']} points rejected: the model gave no finite density, e.g. at")
+        lines += [f"  {point}" for point in rejected["examples"]]
+    return lines
