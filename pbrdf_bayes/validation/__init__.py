@@ -1,0 +1,1 @@
+"""Simulated studies: are the uncertainties what they say? Run by ``make validate``."""
