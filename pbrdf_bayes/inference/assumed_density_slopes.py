@@ -7,8 +7,8 @@ with h'x ~ N(mu, s), z = P h, a = L', w = -L'' is
     mu_bar = a - w a_bar + w_mu w_bar,  s_bar = L_s + a_s a_bar + w_s w_bar,
     m_bar <- m_bar + mu_bar h,  P_bar <- P_bar + s_bar h h' + (z_bar h' + h z_bar')/2
 
-and that of a prediction m = Phi m', P = Phi P' Phi' + Q is m_bar <- Phi'm_bar,
-P_bar <- Phi'P_bar Phi, with the slopes m_bar (m')' + 2 P_bar Phi P' by Phi and P_bar by Q. mu_bar and
+and that of a prediction m = Phi m0, P = Phi P0 Phi' + Q is m_bar <- Phi'm_bar,
+P_bar <- Phi'P_bar Phi, with the slopes m_bar m0' + 2 P_bar Phi P0 by Phi and P_bar by Q. mu_bar and
 v_bar are the slopes by the mean and by the variance of the reading. Griewank and Walther,
 Evaluating Derivatives, SIAM 2008, doi:10.1137/1.9780898717761.
 """
