@@ -10,6 +10,8 @@ from typing import Any
 from pbrdf_bayes.errors import ConfigError
 
 NOISES = ("correlated", "iid")
+DISCREPANCIES = ("matern-3/2", "matern-1/2")
+TAILS = ("normal", "student-t")
 EFFECTS: tuple[str, ...] = ()
 LINE_SHAPES = ("lorentzian",)
 PRIOR_PRESETS = ("paint", "dielectric", "metal")
@@ -41,6 +43,12 @@ class RunConfig:
     noise : {"correlated", "iid"}
         Likelihood of the BRDF rows: with a discrepancy of the model that is correlated along
         theta_r, or with independent readings.
+    discrepancy : {"matern-3/2", "matern-1/2"}
+        Law of that discrepancy: paths with a slope, or rough ones.
+    tails : {"normal", "student-t"}
+        Law of the noise of a BRDF reading; Student's t lets outliers stand.
+    student_dof : float
+        Degrees of freedom of Student's t, 1 to 30; s_rel is then its scale.
     effects : tuple of str
         Effects added to the four-parameter model; empty is exactly the model of the 2011 paper.
     line_shape : {"lorentzian"}
@@ -83,6 +91,9 @@ class RunConfig:
     """
 
     noise: str = "correlated"
+    discrepancy: str = "matern-3/2"
+    tails: str = "normal"
+    student_dof: float = 4.0
     effects: tuple[str, ...] = ()
     line_shape: str = "lorentzian"
     accuracy: str = "standard"
@@ -101,6 +112,9 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         _one_of("noise", self.noise, NOISES)
+        _one_of("discrepancy", self.discrepancy, DISCREPANCIES)
+        _one_of("tails", self.tails, TAILS)
+        _in_range("student_dof", self.student_dof, 1.0, 30.0)
         _one_of("line_shape", self.line_shape, LINE_SHAPES)
         _one_of("accuracy", self.accuracy, ACCURACIES)
         _one_of("prior", self.prior, PRIOR_PRESETS)

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from pbrdf_bayes.inference.correlated_likelihood import precision_times
+from pbrdf_bayes.inference.filtered_likelihood import noise_mixture
+from pbrdf_bayes.inference.innovations import draw_gains, filter_all
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.residuals import floored, row_weights, scan_gains
 from pbrdf_bayes.measurement import Measurement, Readings
@@ -187,9 +189,20 @@ def replicate_brdf(
     f2 = np.maximum(curves, 1e-280) ** 2
     stated2 = _stated_variance(posterior, targets.polarization)
     sd = np.sqrt(noise**2 + stated2 + floor**2 / (f2 + floor**2))
+    if posterior.config.tails == "student-t":
+        sd *= _draw_widths(posterior, curves.shape, rng)
     return np.asarray(
         np.exp(0.5 * np.log(f2 + floor**2) + gain + sd * stratified_normal(rng, curves.shape))
     )
+
+
+def _draw_widths(posterior: Posterior, shape: tuple[int, int], rng: np.random.Generator) -> Array:
+    """Widths of the normal laws that Student's t is a mixture of, stratified in each column."""
+    mixture = noise_mixture(posterior.config)
+    levels = np.tile(((np.arange(shape[0]) + 0.5) / shape[0])[:, None], (1, shape[1]))
+    below = np.cumsum(np.exp(mixture.log_weight))[:-1]
+    widths = np.sqrt(mixture.scale[np.searchsorted(below, levels)])
+    return np.asarray(rng.permuted(widths, axis=0))
 
 
 def _stated_variance(posterior: Posterior, polarization: NDArray[np.str_]) -> Array:
@@ -205,11 +218,15 @@ def _stated_variance(posterior: Posterior, polarization: NDArray[np.str_]) -> Ar
 def scan_scales(posterior: Posterior, draws: Array, rng: np.random.Generator) -> Array | None:
     """Posterior draws of the calibration factor of each scan, shape (n_draws, n_scans).
 
-    None where the scale is taken as exact.
+    None where the scale is taken as exact. Where the likelihood is filtered, the gains are those
+    of the filter: see `draw_gains`.
     """
     rows = posterior.rows
     if rows.u_cal2 == 0.0 or not len(posterior.measurement.scans):
         return None
+    filtered = None if posterior.filtered is None else filter_all(posterior)
+    if filtered is not None:
+        return np.stack([draw_gains(posterior, filtered, x, rng) for x in draws])
     curves, _ = posterior.predict(draws)
     residual = rows.y - floored(np.log(np.maximum(curves, 1e-280)), rows.floor2)
     result = np.empty((len(draws), rows.noise_column.size))

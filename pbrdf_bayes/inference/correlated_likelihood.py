@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.inference.correlated import group_gradient, group_log_likelihood
-from pbrdf_bayes.inference.groups import Groups, Work, prepare_groups, set_variances, workspace
+from pbrdf_bayes.inference.groups import Groups, prepare_groups, set_variances, workspace
 from pbrdf_bayes.inference.likelihood import dhr_readings
 from pbrdf_bayes.inference.rows import Rows
 from pbrdf_bayes.measurement import Measurement
@@ -35,13 +35,16 @@ from pbrdf_bayes.physics.brdf import (
 )
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.elementary import exp, log
-from pbrdf_bayes.physics.fresnel import surface
+from pbrdf_bayes.physics.fresnel import Surface, surface
 from pbrdf_bayes.physics.geometry import Geometry
 from pbrdf_bayes.physics.normalisation import SLOPES, VALUES
 from pbrdf_bayes.physics.normalisation import workspace as quadrature_workspace
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+NONE = -1
+"""Column of a parameter that there is not."""
 
 
 class Discrepancy(NamedTuple):
@@ -60,34 +63,44 @@ class Discrepancy(NamedTuple):
 
 
 def prepare_discrepancy(
-    measurement: Measurement, rows: Rows, *, tau_column: int, ell_column: int
-) -> Discrepancy:
+    measurement: Measurement, rows: Rows, *, tau_column: int = NONE, ell_column: int = NONE,
+    rough: bool = False,
+) -> Discrepancy:  # fmt: skip
     """Group the rows of a measurement by the discrepancy they share.
+
+    Without one every scan is a group, and the scatter of repeated readings is white noise.
 
     Parameters
     ----------
     measurement : Measurement
     rows : Rows
     tau_column, ell_column : int
-        Columns of amplitude [1] and length [deg] in the parameter array.
+        Columns of amplitude [1] and length [deg] in the parameter array, `NONE` without.
+    rough : bool
+        Matérn 1/2 instead of 3/2.
 
     Returns
     -------
     Discrepancy
     """
     scans = measurement.scans
-    keys = [(s.theta_i_deg, s.phi_r_deg, s.polarization) for s in scans]
+    shared = tau_column != NONE
+    keys = [
+        (s.theta_i_deg, s.phi_r_deg, s.polarization, 0 if shared else i)
+        for i, s in enumerate(scans)
+    ]
     names = {key: i for i, key in enumerate(dict.fromkeys(keys))}
     lengths = [len(scan) for scan in scans]
     noise_column = np.zeros(len(names), dtype=np.int64)
     for key, column in zip(keys, rows.noise_column.tolist(), strict=True):
         noise_column[names[key]] = column
-    stated2 = np.where(measurement.brdf.repeated, 0.0, rows.u2)
+    stated2 = np.where(measurement.brdf.repeated & shared, 0.0, rows.u2)
     return Discrepancy(
         groups=prepare_groups(
             measurement.brdf.theta_r_deg,
             np.repeat([names[key] for key in keys], lengths),
             np.repeat(np.arange(len(scans)), lengths),
+            rough=rough,
         ),
         noise_column=noise_column,
         group_of_scan=np.array([names[key] for key in keys], dtype=np.int64),
@@ -98,8 +111,8 @@ def prepare_discrepancy(
     )
 
 
-class _Rowwise(NamedTuple):
-    """Numbers of every row, allocated once: see `_compare`."""
+class Rowwise(NamedTuple):
+    """Numbers of every row, allocated once: see `compare_rows`."""
 
     log_f: Array
     residual: Array
@@ -109,17 +122,17 @@ class _Rowwise(NamedTuple):
 
 
 @compiled()
-def _rowwise(n_rows: int, n_groups: int) -> _Rowwise:
-    return _Rowwise(
+def rowwise(n_rows: int, n_groups: int) -> Rowwise:
+    """Arrays for `compare_rows`."""
+    return Rowwise(
         np.empty(n_rows), np.empty(n_rows), np.ones(n_rows), np.zeros(n_rows), np.empty(n_groups)
     )
 
 
 @compiled()
-def _compare(
-    geometry: Geometry, rows: Rows, law: Discrepancy, found: Buffers, x: Array, row: _Rowwise,
-    work: Work,
-) -> None:  # fmt: skip
+def compare_rows(
+    geometry: Geometry, rows: Rows, law: Discrepancy, found: Buffers, x: Array, row: Rowwise
+) -> None:
     """Residuals, the share of f^2 in f^2 + b^2 and the variances of the rows."""
     for scan in range(rows.noise_column.size):
         a, b = rows.scan_start[scan], rows.scan_start[scan + 1]
@@ -135,8 +148,6 @@ def _compare(
                 above[i] = 1.0 / (1.0 + ratio)
                 residual[i] -= 0.5 * log(1.0 + ratio)
                 extra[i] = stated[i] + ratio * above[i]
-    if law.varied:
-        set_variances(law.groups, work, row.extra if rows.floor2 > 0.0 else law.stated2)
     for group in range(law.noise_column.size):
         row.group_variance[group] = x[law.noise_column[group]] ** 2
 
@@ -165,7 +176,7 @@ def correlated_log_likelihood(
     n_sets = parameters.shape[0]
     result = np.empty(n_sets)
     found = buffers(geometry.directions.shape[1], geometry.incidences.shape[0], VALUES)
-    row = _rowwise(rows.y.size, law.noise_column.size)
+    row = rowwise(rows.y.size, law.noise_column.size)
     work = workspace(law.groups, False)
     dhr, dhr_work = np.empty(rows.dhr.size), np.empty(rows.dhr.size)
     ws = quadrature_workspace()
@@ -175,12 +186,56 @@ def correlated_log_likelihood(
         log_brdf(geometry, surf, digits, VALUES, ws, found)
         fill_dhr(geometry, surf, dhr)
         total, _ = dhr_readings(rows, dhr, x[rows.dhr_noise_column], dhr_work)
-        _compare(geometry, rows, law, found, x, row, work)
+        compare_rows(geometry, rows, law, found, x, row)
+        if law.varied:
+            set_variances(law.groups, work, row.extra if rows.floor2 > 0.0 else law.stated2)
         result[j] = total + group_log_likelihood(
             law.groups, work, row.residual, row.group_variance, rows.u_cal2, x[law.tau_column],
             x[law.ell_column],
         )  # fmt: skip
     return result
+
+
+@compiled()
+def add_dhr_slopes(
+    geometry: Geometry, rows: Rows, surf: Surface, x: Array, dhr: Array, work: Array, out: Array
+) -> float:
+    """Log-likelihood of the DHR readings; its slopes by all parameters are added to ``out``."""
+    total, slope = dhr_readings(rows, dhr, x[rows.dhr_noise_column], work)
+    if rows.dhr_noise_column >= 0:
+        out[rows.dhr_noise_column] += slope
+    physical = np.empty(4)
+    for i in range(dhr.size):
+        dhr_gradient(geometry, surf, i, physical)
+        for p in range(4):
+            out[p] += work[i] * physical[p]
+    return total
+
+
+@compiled()
+def add_row_slopes(
+    geometry: Geometry, rows: Rows, found: Buffers, surf: Surface, x: Array, row: Rowwise,
+    by_row: Array, out: Array,
+) -> None:  # fmt: skip
+    """Add the slopes by physical parameters and noises to ``out``.
+
+    ``by_row`` holds those by the mean and by the variance of every row; the first are replaced.
+    """
+    sums, physical = np.zeros(3), np.empty(4)
+    weight = 0.0
+    for scan in range(rows.noise_column.size):
+        a, b = rows.scan_start[scan], rows.scan_start[scan + 1]
+        s_rel = x[rows.noise_column[scan]]
+        by_log_f, by_v, above = by_row[0, a:b], by_row[1, a:b], row.above[a:b]
+        for i in range(b - a):
+            out[rows.noise_column[scan]] += 2.0 * s_rel * by_v[i]
+            by_log_f[i] = above[i] * (by_log_f[i] - 2.0 * by_v[i] * (1.0 - above[i]))
+        weight += add_scan_slopes(geometry, found, a, by_log_f, sums)
+    to_parameters(sums[0], sums[1], sums[2], surf, physical)
+    out[0] += physical[0]
+    out[1] += physical[1]
+    out[2] += weight / surf.sigma_n0
+    out[3] += physical[3]
 
 
 @compiled(nogil=True)
@@ -202,11 +257,10 @@ def correlated_gradient(
     result = np.empty(n_sets)
     slopes = np.zeros(parameters.shape)
     found = buffers(geometry.directions.shape[1], geometry.incidences.shape[0], SLOPES)
-    row = _rowwise(rows.y.size, law.noise_column.size)
+    row = rowwise(rows.y.size, law.noise_column.size)
     work = workspace(law.groups, True)
     by_row = np.empty((4, rows.y.size))
     dhr, dhr_work = np.empty(rows.dhr.size), np.empty(rows.dhr.size)
-    physical, sums = np.empty(4), np.empty(3)
     ws = quadrature_workspace()
     for j in range(n_sets):
         x = parameters[j]
@@ -214,35 +268,17 @@ def correlated_gradient(
         surf = surface(x[0], x[1], x[2], x[3])
         log_brdf(geometry, surf, digits, SLOPES, ws, found)
         fill_dhr(geometry, surf, dhr)
-        total, slope = dhr_readings(rows, dhr, x[rows.dhr_noise_column], dhr_work)
-        if rows.dhr_noise_column >= 0:
-            out[rows.dhr_noise_column] += slope
-        for i in range(dhr.size):
-            dhr_gradient(geometry, surf, i, physical)
-            for p in range(4):
-                out[p] += dhr_work[i] * physical[p]
-        _compare(geometry, rows, law, found, x, row, work)
+        total = add_dhr_slopes(geometry, rows, surf, x, dhr, dhr_work, out)
+        compare_rows(geometry, rows, law, found, x, row)
+        if law.varied:
+            set_variances(law.groups, work, row.extra if rows.floor2 > 0.0 else law.stated2)
         value, by_tau, by_ell = group_gradient(
             law.groups, work, row.residual, row.group_variance, rows.u_cal2, x[law.tau_column],
             x[law.ell_column], by_row,
         )  # fmt: skip
         out[law.tau_column] += by_tau
         out[law.ell_column] += by_ell
-        sums[:] = 0.0
-        weight = 0.0
-        for scan in range(rows.noise_column.size):
-            a, b = rows.scan_start[scan], rows.scan_start[scan + 1]
-            s_rel = x[rows.noise_column[scan]]
-            by_log_f, by_v, above = by_row[0, a:b], by_row[1, a:b], row.above[a:b]
-            for i in range(b - a):
-                out[rows.noise_column[scan]] += 2.0 * s_rel * by_v[i]
-                by_log_f[i] = above[i] * (by_log_f[i] - 2.0 * by_v[i] * (1.0 - above[i]))
-            weight += add_scan_slopes(geometry, found, a, by_log_f, sums)
-        to_parameters(sums[0], sums[1], sums[2], surf, physical)
-        out[0] += physical[0]
-        out[1] += physical[1]
-        out[2] += weight / surf.sigma_n0
-        out[3] += physical[3]
+        add_row_slopes(geometry, rows, found, surf, x, row, by_row, out)
         result[j] = total + value
     return result, slopes
 

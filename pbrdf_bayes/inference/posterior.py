@@ -16,6 +16,12 @@ from pbrdf_bayes.inference.correlated_likelihood import (
     correlated_log_likelihood,
     prepare_discrepancy,
 )
+from pbrdf_bayes.inference.filtered_likelihood import (
+    Filtered,
+    filtered_gradient,
+    filtered_log_likelihood,
+    prepare_filtered,
+)
 from pbrdf_bayes.inference.likelihood import iid_gradient, iid_log_likelihood
 from pbrdf_bayes.inference.parameters import ParameterSpec, parameter_specs
 from pbrdf_bayes.inference.rows import RELATIVE_SCALE, Rows, prepare_rows
@@ -43,6 +49,8 @@ class Posterior:
         Correct decimal digits of the normalisation.
     discrepancy : Discrepancy or None
         Which rows share a discrepancy of the model; None where they are independent.
+    filtered : Filtered or None
+        Groups of rows that need assumed-density filtering; None without any.
     weight : float
         Power of the likelihood, 1 for the posterior; see `tempered`.
 
@@ -60,6 +68,7 @@ class Posterior:
     digits: float
     discrepancy: Discrepancy | None = None
     weight: float = 1.0
+    filtered: Filtered | None = None
 
     @cached_property
     def parameter_names(self) -> tuple[str, ...]:
@@ -88,6 +97,8 @@ class Posterior:
         Only for parameters inside the support of the prior: the model is computed nowhere else.
         """
         g, rows, law, x = self.geometry, self.rows, self.discrepancy, self._checked(x)
+        if self.filtered is not None:
+            return self.weight * filtered_log_likelihood(g, rows, self.filtered, x, self.digits)
         if law is None:
             return self.weight * iid_log_likelihood(g, rows, x, self.digits)
         return self.weight * correlated_log_likelihood(g, rows, law, x, self.digits)
@@ -125,7 +136,9 @@ class Posterior:
         inside = np.isfinite(values)
         g, rows, law = self.geometry, self.rows, self.discrepancy
         likelihood, likelihood_slopes = (
-            iid_gradient(g, rows, x[inside], self.digits)
+            filtered_gradient(g, rows, self.filtered, x[inside], self.digits)
+            if self.filtered is not None
+            else iid_gradient(g, rows, x[inside], self.digits)
             if law is None
             else correlated_gradient(g, rows, law, x[inside], self.digits)
         )
@@ -227,21 +240,14 @@ def build_posterior(measurement: Measurement, config: RunConfig) -> Posterior:
     )
     discrepancy = None
     if "tau" in columns:
-        _refuse_censored(measurement, rows)
         discrepancy = prepare_discrepancy(
-            measurement, rows, tau_column=columns["tau"], ell_column=columns["ell_deg"]
+            measurement,
+            rows,
+            tau_column=columns["tau"],
+            ell_column=columns["ell_deg"],
+            rough=config.discrepancy == "matern-1/2",
         )
     return Posterior(
-        specs, measurement, config, geometry, rows, digits_of(config.rtol), discrepancy
-    )
-
-
-def _refuse_censored(measurement: Measurement, rows: Rows) -> None:
-    if rows.censored.any():
-        n, row = int(rows.censored.sum()), int(measurement.brdf.row[np.argmax(rows.censored)])
-        msg = (
-            f"{measurement.source or measurement.sample}: {n} readings at or below the floor, the "
-            f"first in line {row}, cannot go with noise = 'correlated' yet. Flag them, or take "
-            "noise = 'iid'"
-        )
-        raise ConfigError(msg)
+        specs, measurement, config, geometry, rows, digits_of(config.rtol), discrepancy,
+        filtered=prepare_filtered(measurement, rows, config, discrepancy),
+    )  # fmt: skip

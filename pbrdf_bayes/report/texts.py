@@ -106,6 +106,8 @@ def model_text(summary: Record) -> str:
         "iid": "independent noise",
         "correlated": "independent noise and a correlated discrepancy",
     }.get(config.get("noise"), config.get("noise", MISSING))
+    if config.get("tails") == "student-t":
+        noise += f" (Student-t noise, {number(config['student_dof'])} degrees of freedom)"
     return (
         f"Four-parameter model (n, k, σ_N0, ρ_0) with the "
         f"{summary['line_shape'].capitalize()} line shape. "

@@ -17,6 +17,9 @@ from pbrdf_bayes.io.config_toml import config_from_table, config_table, config_t
 
 FULL = """
 noise = "iid"
+discrepancy = "matern-1/2"
+tails = "student-t"
+student_dof = 6
 effects = []
 line_shape = "lorentzian"
 accuracy = "draft"
@@ -54,6 +57,7 @@ def test_every_key_is_read(tmp_path: Path) -> None:
     found = read_config(write(tmp_path, FULL), {})
     assert set(tomllib.loads(FULL)) == {f.name for f in fields(RunConfig)}
     assert found == RunConfig(
+        discrepancy="matern-1/2", tails="student-t", student_dof=6,
         accuracy="draft", prior="metal", brdf_floor=1e-6, brdf_scale="relative", u_brdf_cal=0.03,
         u_dhr_cal=0.02, predict_theta_i_deg=(10.0, 45.0), holdout=False, n_ensembles=6, n_walkers=48,
         max_steps=5000, threads=1, priors={
@@ -110,11 +114,15 @@ def test_the_command_line_wins_over_the_file(tmp_path: Path) -> None:
 BAD = [
     ('accurracy = "draft"', r"run\.toml: unknown key 'accurracy'\. Did you mean 'accuracy'\?"),
     ("Priors = 1", r"unknown key 'Priors'\. Did you mean 'priors'\?"),
-    ("zzz = 1", r"unknown key 'zzz'\. Known: noise, effects"),
+    ("zzz = 1", r"unknown key 'zzz'\. Known: noise, discrepancy"),
     ('accuracy = "drafft"', r"accuracy = 'drafft' is not known\. Did you mean 'draft'\?"),
     ('accuracy = "DRAFT"', r"Did you mean 'draft'\?"),
     ("accuracy = 3", r"accuracy = 3 is not allowed: give a word in quotes"),
     ('noise = "student"', r"noise = 'student' is not known"),
+    ('discrepancy = "matern"', r"discrepancy = 'matern' is not known.*'matern-3/2', 'matern-1/2'"),
+    ('tails = "student"', r"tails = 'student' is not known\. Did you mean 'student-t'\?"),
+    ("student_dof = 0.5", r"student_dof = 0\.5 is not allowed: give a number in \[1, 30\]"),
+    ("student_dof = inf", r"student_dof = inf is not allowed"),
     ('line_shape = "gauss"', r"line_shape = 'gauss' is not known"),
     ('effects = "lambert"', r"effects = 'lambert' is not allowed: give a list"),
     ('effects = ["no_such_effect"]', r"effects = 'no_such_effect' is not known"),
