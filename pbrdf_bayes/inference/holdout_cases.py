@@ -32,7 +32,9 @@ Flags = NDArray[np.bool_]
 
 _MOST_ANGLES = 8
 _N_PROPOSALS = 2000
-_FEWEST_EFFECTIVE = 200.0
+_FEWEST_EFFECTIVE = 100.0
+_ATTEMPTS = 2
+_MAX_STEPS = 400
 _GOOD_SHARE = 0.25
 
 
@@ -141,12 +143,15 @@ def _draw(posterior: Posterior, start: Array, seed: int) -> Array:
     top, value = climb(posterior, posterior.to_coordinates(start[None, :])[0], low, high)
     best = Optimum(posterior.from_coordinates(top[None, :])[0], value, 1)
     laplace = laplace_mixture(posterior, MapResult((best,), 1, 0))
-    adapted = adapt_mixture(posterior, laplace, seed=seed, good_share=_GOOD_SHARE)
-    quick = importance_sample(
-        posterior, adapted, n_proposals=_N_PROPOSALS, n_draws=N_DRAWS, seed=seed
-    )
-    if quick.k_hat < k_hat_limit(_N_PROPOSALS) and quick.ess > _FEWEST_EFFECTIVE:
-        return posterior.from_coordinates(quick.z)
-    found = sample_posterior(posterior, laplace, posterior.config, method="psis", seed=seed)
+    mixture = laplace
+    for attempt in range(_ATTEMPTS):
+        mixture = adapt_mixture(posterior, mixture, seed=seed + attempt, good_share=_GOOD_SHARE)
+        quick = importance_sample(
+            posterior, mixture, n_proposals=_N_PROPOSALS, n_draws=N_DRAWS, seed=seed
+        )
+        if quick.k_hat < k_hat_limit(_N_PROPOSALS) and quick.ess > _FEWEST_EFFECTIVE:
+            return posterior.from_coordinates(quick.z)
+    config = replace(posterior.config, max_steps=min(posterior.config.max_steps, _MAX_STEPS))
+    found = sample_posterior(posterior, mixture, config, method="psis", seed=seed)
     chosen = np.random.default_rng([seed, 12]).choice(len(found.flat), N_DRAWS)
     return np.asarray(found.flat[chosen])

@@ -41,7 +41,7 @@ _LOST_SHARE = 0.01
 """Relative variance of the floor above which ln BRDF is not normal; such readings have no PIT."""
 _MOST_REFINED = 12
 _PROPOSALS, _COMPONENTS, _WIDER = 3000, 2, 1.25
-_MOST_REFINEMENTS = 20_000_000
+_MOST_REFINEMENTS = 8_000_000
 _LN_2PI = float(np.log(2.0 * np.pi))
 _FARTHEST = 37.0
 """Standard deviations beyond which the probability of a tail is not a number any more."""

@@ -30,8 +30,8 @@ from pbrdf_bayes.inference.verdicts import (
 _LISTED = 3
 _CLEAR = 4.0
 _PIT_ADVICE = {
-    "shape": "Residuals that are not normal: look for outliers and for angles where the model bends "
-    "otherwise than the readings.",
+    "shape": "Residuals that are not normal: look for outliers and for angles where the model "
+    "bends otherwise than the readings.",
     "biased": "A biased scan: its scale or its alignment is off, or the model is there. Say how "
     "well the scale is known (u_brdf_cal), or leave it free (brdf_scale = 'relative').",
     "wide": "Residuals wider than the noise of their polarisation: intervals and bands are too "

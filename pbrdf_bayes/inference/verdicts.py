@@ -20,9 +20,9 @@ BOUND_QUANTILE = 0.01
 COVERAGE_WARN = (0.82, 0.97)
 COVERAGE_CHANCE = 0.005
 RIVAL_NATS = 12.0
-SURPRISE_LIMIT = 1.7
-"""Hold-out rms over the 95 % quantile of what the prediction leads to expect. 1.7 of those is 3.3
-standard deviations of an error that all readings share: by chance in one of a thousand."""
+SURPRISE_LIMIT = 1.5
+"""Hold-out rms over the 95 % quantile of what the prediction leads to expect. 1.5 of those is 2.9
+standard deviations of an error that all readings share: by chance in three of a thousand."""
 FALSE_ALARM = 0.01
 """Probability of a false alarm shared by all readings, or by all scans (Bonferroni)."""
 INFLUENCE_WARN = K_HAT_LIMIT
