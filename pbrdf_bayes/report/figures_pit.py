@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 COLUMNS = 5
 MOST_SCANS = 20
 CELL, HEIGHT = 148.0, 74.0
-GAP_X, GAP_Y, LEFT, BELOW, ABOVE = 20.0, 34.0, 42.0, 36.0, 34.0
+GAP_X, GAP_Y, LEFT, BELOW, ABOVE = 20.0, 34.0, 42.0, 36.0, 46.0
 FALSE_ALARM = 0.01
 ALARM = "#a8201a"
 _POINTS = 160
@@ -33,7 +33,7 @@ def pit_picture(scans: Sequence[ScanPlaces]) -> Picture | None:
     shown = chosen_scans(scans)
     bands = [_critical(s.pit.size, len(scans)) for s in shown]
     away = [_deviation(s.pit) for s in shown]
-    reach = 1.12 * max([*bands, *(float(np.abs(d).max()) for d in away)])
+    reach = 1.25 * max([*bands, *(float(np.abs(d).max()) for d in away)])
     reach = min(reach, 1.0)
     columns = min(COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
@@ -45,6 +45,10 @@ def pit_picture(scans: Sequence[ScanPlaces]) -> Picture | None:
         bottom = BELOW + (rows - 1 - row) * (HEIGHT + GAP_Y)
         last = i + columns >= len(shown)
         _cell(figure, (left, bottom), scan, band, reach, first=column == 0, last=last)
+    axes = Panel(figure, LEFT, BELOW, width - LEFT, HEIGHT, (0.0, 1.0), (0.0, 1.0))
+    top = rows * HEIGHT + (rows - 1) * GAP_Y
+    axes.words(-LEFT + 2, top + 27, "share of readings − uniform", color=INK, align="left")
+    axes.words(CELL / 2, -28, "place in the predicted law", color=INK)
     outside = sum(_distance(s.pit) > b for s, b in zip(shown, bands, strict=True))
     label = (
         f"Distribution of the readings of {len(shown)} scans in what all others predict, minus "
@@ -67,7 +71,7 @@ def _cell(
     panel = Panel(figure, *corner, CELL, HEIGHT, (0.0, 1.0), (-reach, reach))
     look = LOOKS[scan.polarization]
     grid = np.linspace(0.0, 1.0, 61)
-    panel.fill(grid, np.maximum(-band, -grid), np.minimum(band, 1.0 - grid), FAINT, 0.28)
+    panel.fill(grid, np.maximum(-band, -grid), np.minimum(band, 1.0 - grid), FAINT, 0.22)
     ticks, labels = linear_ticks(-reach, reach)
     panel.y_axis(ticks, labels if first else [""] * len(ticks))
     panel.segments([(0.0, 0.0, 1.0, 0.0)], MUTED, 0.8)

@@ -106,7 +106,7 @@ def leave_one_out_text(summary: Record) -> str:
     many = found["n_influential"]
     return (
         f"Each of {count(found['n'])} readings is held against what all the others predict of it. "
-        f"The log densities sum to {fixed(found['elpd'], 1)} ± {fixed(found['u_elpd'], 1)} "
+        f"The log densities sum to {fixed(found['elpd'], 0)} ± {fixed(found['u_elpd'], 0)} "
         f"(elpd), with {fixed(found['p_loo'], 1)} effective parameters. The largest Pareto k-hat, "
         f"the weight of a single reading in the posterior, is {fixed(found['k_hat'], 2)}"
         + (
