@@ -16,6 +16,7 @@ EFFECTS: tuple[str, ...] = ()
 LINE_SHAPES = ("lorentzian",)
 PRIOR_PRESETS = ("paint", "dielectric", "metal")
 BRDF_SCALES = ("absolute", "relative")
+HOLDOUTS = ("none", "recipe", "all")
 
 
 @dataclass(frozen=True)
@@ -70,8 +71,11 @@ class RunConfig:
     predict_theta_i_deg : tuple of float
         Incidence angles not measured at which the report shows predicted curves [deg]; empty
         chooses them between the measured ones.
-    holdout : bool
-        Repeat the paper's recipe (DHR and one scan fitted, the other scans predicted).
+    holdout : bool or {"none", "recipe", "all"}
+        What is left out and predicted: ``recipe`` repeats that of the paper (DHR and one scan
+        fitted, the other scans predicted); ``all`` also leaves out each angle of incidence, and
+        predicts p from s and s from p. ``False`` is ``none``; ``True`` is ``recipe`` at draft
+        accuracy and ``all`` otherwise.
     n_ensembles, n_walkers : int
         Independent ensembles and the walkers of each; at least three a parameter are taken.
     max_steps : int
@@ -104,7 +108,7 @@ class RunConfig:
     u_brdf_cal: float = 0.0
     u_dhr_cal: float = 0.01
     predict_theta_i_deg: tuple[float, ...] = ()
-    holdout: bool = True
+    holdout: bool | str = True
     n_ensembles: int = 4
     n_walkers: int = 32
     max_steps: int = 20_000
@@ -119,6 +123,7 @@ class RunConfig:
         _one_of("accuracy", self.accuracy, ACCURACIES)
         _one_of("prior", self.prior, PRIOR_PRESETS)
         _one_of("brdf_scale", self.brdf_scale, BRDF_SCALES)
+        _holdout(self.holdout)
         _tuple("effects", self.effects)
         _tuple("predict_theta_i_deg", self.predict_theta_i_deg)
         for name in self.effects:
@@ -137,6 +142,14 @@ class RunConfig:
     def rtol(self) -> float:
         """Relative tolerance of the normalisation integral."""
         return ACCURACIES[self.accuracy].rtol
+
+    @property
+    def holdouts(self) -> str:
+        """What is left out and predicted, one of `HOLDOUTS`."""
+        if isinstance(self.holdout, str):
+            return self.holdout
+        thorough = "recipe" if self.accuracy == "draft" else "all"
+        return thorough if self.holdout else "none"
 
     @property
     def ess_target(self) -> int:
@@ -172,6 +185,13 @@ def _one_of(key: str, value: Any, allowed: Iterable[str]) -> None:
     if value not in names:
         listed = ", ".join(map(repr, names)) or "none in this version"
         msg = f"{key} = {value!r} is not known.{did_you_mean(str(value), names)} Allowed: {listed}"
+        raise ConfigError(msg)
+
+
+def _holdout(value: Any) -> None:
+    if not isinstance(value, bool) and not (isinstance(value, str) and value in HOLDOUTS):
+        words = ", ".join(map(repr, HOLDOUTS))
+        msg = f"holdout = {value!r} is not allowed: give true or false, or one of {words}"
         raise ConfigError(msg)
 
 

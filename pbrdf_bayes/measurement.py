@@ -293,8 +293,10 @@ def name_direction(polarization: str, theta_i_deg: float, phi_r_deg: float) -> s
     return f"{polarization} {theta_i_deg:.8g} deg{azimuth}"
 
 
-def select_scans(measurement: Measurement, keep: NDArray[np.bool_], *, dhr: bool) -> Measurement:
-    """Copy with only some scans (``keep``, shape (n_scans,)), with or without the DHR readings."""
+def select_scans(
+    measurement: Measurement, keep: NDArray[np.bool_], *, dhr: NDArray[np.bool_] | bool
+) -> Measurement:
+    """Copy with only some scans, ``keep`` of shape (n_scans,), and all, no or some DHR readings."""
     chosen = [scan for scan, use in zip(measurement.scans, keep, strict=True) if use]
     rows = np.concatenate(
         [np.arange(scan.start, scan.stop) for scan in chosen] or [np.zeros(0, np.int64)]
@@ -304,12 +306,12 @@ def select_scans(measurement: Measurement, keep: NDArray[np.bool_], *, dhr: bool
         Scan(s.label, s.polarization, s.theta_i_deg, s.phi_r_deg, int(a), int(b))
         for s, a, b in zip(chosen, starts[:-1], starts[1:], strict=True)
     )
-    no_rows = np.zeros(0, np.int64)
+    dhr_rows = np.flatnonzero(np.broadcast_to(dhr, len(measurement.dhr)))
     return Measurement(
         sample=measurement.sample,
         wavelength_um=measurement.wavelength_um,
         brdf=_take(measurement.brdf, rows.astype(np.int64)),
-        dhr=measurement.dhr if dhr else _take(measurement.dhr, no_rows),
+        dhr=_take(measurement.dhr, dhr_rows),
         scans=scans,
         source=measurement.source,
         sha256=measurement.sha256,

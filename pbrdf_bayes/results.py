@@ -20,6 +20,10 @@ The run folder holds exactly these three, so a report made from disk equals one 
     Over ``scan``: coordinate ``scan`` holds the labels.
 ``posterior_predictive``
     ``brdf (chain, draw, brdf_obs)``, ``dhr (chain, draw, dhr_obs)``: replicated readings.
+``leave_one_out``
+    ``brdf_elpd, brdf_k_hat, brdf_pit (brdf_obs)`` and the same over ``dhr_obs``: log density of
+    each reading given all others, Pareto k-hat, place in its predicted law in [0, 1]; NaN where
+    not scored.
 ``curves``
     ``model_band, predictive_band (curve, theta_r_deg, quantile)``, ``map (curve, theta_r_deg)``
     [sr^-1]; coordinates ``quantile`` (0.05, 0.25, 0.5, 0.75, 0.95), ``curve_polarization,

@@ -10,13 +10,16 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.data_checks import DataCheck
 from pbrdf_bayes.inference.bands import Bands, Targets
-from pbrdf_bayes.inference.diagnostics import Diagnostic, Identifiability
+from pbrdf_bayes.inference.diagnostics import Identifiability
 from pbrdf_bayes.inference.discrepancy_size import DiscrepancySize
 from pbrdf_bayes.inference.holdout import Holdout
+from pbrdf_bayes.inference.leave_one_out import LeaveOneOut
 from pbrdf_bayes.inference.map_fit import MapResult
 from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.inference.power_scaling import PriorSensitivity
 from pbrdf_bayes.inference.residuals import Residuals
 from pbrdf_bayes.inference.sampling import Draws
+from pbrdf_bayes.inference.verdicts import Diagnostic
 
 Array = NDArray[np.float64]
 
@@ -37,7 +40,10 @@ class Stages:
     diagnostics: tuple[Diagnostic, ...]
     curves: tuple[Targets, NDArray[np.bool_], Bands]
     dhr_curves: tuple[Targets, NDArray[np.bool_], Bands]
+    sensitivity: PriorSensitivity
+    leave_one_out: LeaveOneOut
     holdout: Holdout | None
+    holdouts: tuple[Holdout, ...]
     scales: Array | None
     discrepancy: DiscrepancySize | None
     normalisation_error: float

@@ -11,16 +11,13 @@ from typing import Any
 import numpy as np
 
 from pbrdf_bayes import __version__
-from pbrdf_bayes.inference.diagnostics import (
-    CONTRACTION_WARN,
-    FAIL,
-    WARN,
-    contraction,
-    overall_verdict,
-)
+from pbrdf_bayes.inference.diagnostics import contraction
 from pbrdf_bayes.inference.holdout import Holdout
+from pbrdf_bayes.inference.leave_one_out import LeaveOneOut
+from pbrdf_bayes.inference.predictive_checks import judge_holdout
 from pbrdf_bayes.inference.rejected import together
 from pbrdf_bayes.inference.sampling import Draws
+from pbrdf_bayes.inference.verdicts import CONTRACTION_WARN, FAIL, WARN, overall_verdict
 from pbrdf_bayes.io.config_toml import config_table
 from pbrdf_bayes.results import SCHEMA_VERSION
 from pbrdf_bayes.stages import Stages
@@ -69,6 +66,8 @@ def summarise(s: Stages) -> dict[str, Any]:
             "microseconds_per_evaluation": s.microseconds,
         },
         "holdout": _holdout(s.holdout),
+        "holdouts": _holdouts(s),
+        "leave_one_out": _leave_one_out(s.leave_one_out),
         "timings": dict(s.timings),
     }
 
@@ -155,6 +154,10 @@ def _parameters(s: Stages) -> dict[str, Any]:
         }  # fmt: skip
         if spec.name in honest:
             table[spec.name]["contraction_effective"] = honest[spec.name]
+        if spec.name in s.sensitivity.names:
+            at = s.sensitivity.names.index(spec.name)
+            table[spec.name]["prior_sensitivity"] = s.sensitivity.prior[at]
+            table[spec.name]["likelihood_sensitivity"] = s.sensitivity.likelihood[at]
     return table
 
 
@@ -230,4 +233,40 @@ def _holdout(found: Holdout | None) -> dict[str, Any] | None:
         "width_dex": found.width_dex,
         "statement": found.statement,
         "scans": list(found.scans),
+    }
+
+
+def _holdouts(s: Stages) -> list[dict[str, Any]]:
+    """Every prediction of scans left out, the recipe first."""
+    recipe = () if s.holdout is None else (s.holdout,)
+    return [
+        {
+            "kind": h.kind,
+            "name": h.name,
+            "fitted": h.fitted,
+            "n": h.value.size,
+            "rms_dex": h.rms_dex,
+            "rms_expected_dex": h.expected_dex,
+            "coverage_90": h.coverage_90,
+            "width_dex": h.width_dex,
+            "statement": h.statement,
+            "verdict": judge_holdout(h),
+        }
+        for h in (*recipe, *s.holdouts)
+    ]
+
+
+def _leave_one_out(found: LeaveOneOut) -> dict[str, Any]:
+    return {
+        "elpd": found.elpd,
+        "u_elpd": found.u_elpd,
+        "p_loo": found.p_loo,
+        "n": found.n_readings,
+        "n_draws": found.n_draws,
+        "k_hat": found.k_hat,
+        "k_hat_limit": found.k_hat_limit,
+        "n_influential": found.n_influential,
+        "most_influential": [asdict(reading) for reading in found.most_influential],
+        "farthest": [asdict(reading) for reading in found.farthest],
+        "pit": [asdict(scan) for scan in found.scans],
     }

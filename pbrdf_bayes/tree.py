@@ -49,6 +49,7 @@ def build_tree(s: Stages) -> xr.DataTree:
         "posterior_predictive": _predictive(s),
         "observed_data": _observed(s.posterior.measurement),
         "constant_data": _constant(s),
+        "leave_one_out": _leave_one_out(s),
         "curves": _curves(s),
         "dhr_curves": _dhr_curves(s),
     }  # fmt: skip
@@ -121,6 +122,15 @@ def _constant(s: Stages) -> xr.Dataset:
         {name: ("brdf_obs", values) for name, values in over_brdf.items()}
         | {name: ("dhr_obs", values) for name, values in over_dhr.items()},
         coords={"scan": ("scan", labels)},
+    )
+
+
+def _leave_one_out(s: Stages) -> xr.Dataset:
+    found, n = s.leave_one_out.pointwise, len(s.posterior.measurement.brdf)
+    columns = {"elpd": found.elpd, "k_hat": found.k_hat, "pit": found.pit}
+    return xr.Dataset(
+        {f"brdf_{name}": ("brdf_obs", values[:n]) for name, values in columns.items()}
+        | {f"dhr_{name}": ("dhr_obs", values[n:]) for name, values in columns.items()}
     )
 
 

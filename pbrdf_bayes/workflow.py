@@ -22,10 +22,13 @@ from pbrdf_bayes.inference.diagnostics import assess_identifiability, run_diagno
 from pbrdf_bayes.inference.discrepancy_size import measure_discrepancy
 from pbrdf_bayes.inference.ensembles import Checkpoint
 from pbrdf_bayes.inference.holdout import run_holdout
+from pbrdf_bayes.inference.holdout_cases import list_cases, run_cases
 from pbrdf_bayes.inference.laplace import laplace_mixture
 from pbrdf_bayes.inference.least_squares import fit_least_squares
+from pbrdf_bayes.inference.leave_one_out import leave_each_out
 from pbrdf_bayes.inference.map_fit import MapResult, find_map
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
+from pbrdf_bayes.inference.power_scaling import measure_sensitivity
 from pbrdf_bayes.inference.residuals import (
     calibrated_residuals,
     compute_residuals,
@@ -127,7 +130,7 @@ def _fit_posterior(
     posterior: Posterior, checks: tuple[DataCheck, ...], seed: int, clock: _Clock,
     checkpoints: Checkpoints | None = None,
 ) -> Analysis:  # fmt: skip
-    config, measurement = posterior.config, posterior.measurement
+    config = posterior.config
     checkpoint = partial(stage_checkpoint, checkpoints)
     with clock.stage("optimise"):
         optima = find_map(posterior, seed=seed)
@@ -141,6 +144,7 @@ def _fit_posterior(
         tempered = _tempered_draws(posterior, draws, share, seed, checkpoint("identify"))
         identifiability = assess_identifiability(posterior, draws.flat, tempered, share)
         discrepancy = measure_discrepancy(posterior, draws.flat, seed=seed)
+        sensitivity = measure_sensitivity(posterior, draws)
     with clock.stage("predict"):
         rng = np.random.default_rng([seed, 6])
         picked = draws.flat[rng.choice(len(draws.flat), _N_BAND_DRAWS)]
@@ -148,22 +152,27 @@ def _fit_posterior(
         dhr_curves = predict_dhr(posterior, picked, optima.best.x, rng)
         scales = scan_scales(posterior, picked, rng)
         covered = count_covered(posterior, picked, optima.best.x, scales, rng)
+    with clock.stage("leave one out"):
+        leave_one_out = leave_each_out(posterior, draws.flat, seed=seed)
     with clock.stage("hold out"):
-        holdout = (
-            run_holdout(measurement, config, seed=seed, checkpoint=checkpoint("holdout"))
-            if config.holdout
-            else None
-        )
+        m, wanted = posterior.measurement, config.holdouts
+        holdout = None
+        if wanted != "none":
+            holdout = run_holdout(m, config, seed=seed, checkpoint=checkpoint("holdout"))
+        cases = list_cases(m) if wanted == "all" else ()
+        holdouts = run_cases(posterior, optima.best.x, cases, seed=seed)
     diagnostics = run_diagnostics(
         config=config, draws=draws, optima=optima, residuals=best, best_rms_dex=best_rms,
         white_noise_dex=white_noise_dex(posterior), identifiability=identifiability,
         covered=covered, holdout=holdout, discrepancy=discrepancy,
+        leave_one_out=leave_one_out, sensitivity=sensitivity, holdouts=holdouts,
     )  # fmt: skip
     stages = Stages(
         posterior=posterior, seed=seed, checks=checks, optima=optima, draws=draws,
         least_squares=(best_x, best_rms), residuals=residuals, best_dex=best.dex,
         identifiability=identifiability, diagnostics=diagnostics, curves=curves,
-        dhr_curves=dhr_curves, holdout=holdout, scales=scales, discrepancy=discrepancy,
+        dhr_curves=dhr_curves, sensitivity=sensitivity, leave_one_out=leave_one_out,
+        holdout=holdout, holdouts=holdouts, scales=scales, discrepancy=discrepancy,
         normalisation_error=_normalisation_error(posterior, optima.best.x),
         microseconds=_microseconds(posterior, optima.best.x), timings=clock.timings,
     )  # fmt: skip

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _TAIL = (0.05, 0.95)
+_POWERS = (0.99, 1.01)
+_FLAT = 1e-9
 
 
 def ess_bulk(draws: Array) -> Array:
@@ -50,3 +52,31 @@ def pareto_smooth(log_weights: Array) -> tuple[Array, float]:
     # psislw takes log-likelihoods, as leave-one-out does, and negates them
     smoothed, k_hat = array_stats.psislw(-log_weights)
     return np.asarray(smoothed), float(k_hat)
+
+
+def power_scaling(draws: Array, log_component: Array) -> Array:
+    """Sensitivity of each parameter to a power of prior or likelihood, shape (n_par,).
+
+    Kallioinen et al. 2024, doi:10.1007/s11222-023-10366-5: change of the marginal (cumulative
+    Jensen-Shannon distance) for each doubling of the power, at 1.
+
+    Parameters
+    ----------
+    draws : ndarray, shape (n_chains, n_draws, n_par)
+    log_component : ndarray, shape (n_chains, n_draws)
+        Logarithm of what is raised to a power.
+    """
+    if np.ptp(log_component) < _FLAT:
+        return np.zeros(draws.shape[2])
+    lower, upper = (
+        np.exp(array_stats.power_scale_lw(log_component, alpha=power, axis=(0, 1)))
+        for power in _POWERS
+    )
+    return np.array(
+        [
+            array_stats.power_scale_sense(
+                draws[:, :, i], lower, upper, *_POWERS, chain_axis=0, draw_axis=1
+            )
+            for i in range(draws.shape[2])
+        ]
+    )

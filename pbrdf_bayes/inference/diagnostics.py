@@ -12,57 +12,45 @@ from scipy.stats import binom
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.inference.discrepancy_size import DiscrepancySize
 from pbrdf_bayes.inference.holdout import Holdout
+from pbrdf_bayes.inference.leave_one_out import LeaveOneOut
 from pbrdf_bayes.inference.map_fit import MapResult
 from pbrdf_bayes.inference.parameters import ParameterSpec
 from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.inference.power_scaling import PriorSensitivity
+from pbrdf_bayes.inference.predictive_checks import (
+    judge_families,
+    judge_prior,
+    judge_readings,
+    judge_recipe,
+)
 from pbrdf_bayes.inference.rejected import Rejected, together
 from pbrdf_bayes.inference.residuals import Residuals, effective_share
 from pbrdf_bayes.inference.sampling import AUTOCORRELATION_TIMES, RHAT_LIMIT, Draws
+from pbrdf_bayes.inference.verdicts import (
+    BOUND_QUANTILE,
+    BOUND_SHARE_WARN,
+    CONTRACTION_WARN,
+    COVERAGE_CHANCE,
+    COVERAGE_WARN,
+    DISCREPANCY_FAIL,
+    DISCREPANCY_WARN,
+    FAIL,
+    LAG1_FAIL,
+    LAG1_WARN,
+    MISFIT_FAIL_DEX,
+    MISFIT_WARN_DEX,
+    NOISE_RATIO_WARN,
+    PASS,
+    RIVAL_NATS,
+    WARN,
+    Diagnostic,
+    grade,
+)
 
 Array = NDArray[np.float64]
 
-MISFIT_WARN_DEX = 0.05
-MISFIT_FAIL_DEX = 0.10
-NOISE_RATIO_WARN = 3.0
-LAG1_WARN = 0.2
-LAG1_FAIL = 0.5
-DISCREPANCY_WARN = 0.08
-DISCREPANCY_FAIL = 0.15
-CONTRACTION_WARN = 0.5
-BOUND_SHARE_WARN = 0.2
-BOUND_QUANTILE = 0.01
-COVERAGE_WARN = (0.82, 0.97)
-COVERAGE_CHANCE = 0.005
-RIVAL_NATS = 12.0
+
 RIVAL_SD = 3.0
-
-PASS, WARN, FAIL = "PASS", "WARN", "FAIL"
-
-
-@dataclass(frozen=True)
-class Diagnostic:
-    """One verdict.
-
-    Attributes
-    ----------
-    name, title : str
-    value : float
-        NaN where it could not be computed.
-    threshold : float
-    unit : str
-    verdict : {"PASS", "WARN", "FAIL"}
-    statement, advice : str
-        What was found, with its numbers; what follows from it (empty for PASS).
-    """
-
-    name: str
-    title: str
-    value: float
-    threshold: float
-    unit: str
-    verdict: str
-    statement: str
-    advice: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +114,11 @@ def run_diagnostics(
     covered: tuple[int, int],
     holdout: Holdout | None,
     discrepancy: DiscrepancySize | None = None,
+    leave_one_out: LeaveOneOut | None = None,
+    sensitivity: PriorSensitivity | None = None,
+    holdouts: tuple[Holdout, ...] = (),
 ) -> tuple[Diagnostic, ...]:
-    """All verdicts on a run, in the order of the report."""
+    """All verdicts on a run, in the order of the report; no record, no verdict."""
     checks = [
         _rhat(draws),
         _ess(draws, config),
@@ -136,6 +127,8 @@ def run_diagnostics(
         _identified(identifiability),
         _bounds(identifiability),
     ]
+    if sensitivity is not None:
+        checks.append(judge_prior(sensitivity))
     if discrepancy is not None:
         checks.insert(0, _discrepancy(discrepancy))
     elif np.isfinite(residuals.lag1):
@@ -144,21 +137,14 @@ def run_diagnostics(
         checks.insert(0, _misfit(best_rms_dex, white_noise_dex))
     if covered[1]:
         checks.append(_coverage(*covered, effective_share(residuals.lag1)))
+    if leave_one_out is not None:
+        checks.extend(judge_readings(leave_one_out))
     if holdout is not None:
-        checks.append(_holdout(holdout))
+        checks.append(judge_recipe(holdout))
     rejected = together(optima.rejected, draws.rejected)
     if rejected.n:
         checks.append(_not_finite(rejected, identifiability.names))
-    return tuple(checks)
-
-
-def overall_verdict(verdicts: Sequence[str]) -> str:
-    """The worst verdict."""
-    return FAIL if FAIL in verdicts else WARN if WARN in verdicts else PASS
-
-
-def _grade(value: float, warn: float, fail: float) -> str:
-    return FAIL if value > fail else WARN if value > warn else PASS
+    return (*checks, *judge_families(holdouts))
 
 
 def _percent(dex: float) -> float:
@@ -167,7 +153,7 @@ def _percent(dex: float) -> float:
 
 def _misfit(rms: float, noise: float) -> Diagnostic:
     noise_limit = max(NOISE_RATIO_WARN * noise, 0.005) if np.isfinite(noise) else np.inf
-    verdict = _grade(rms, min(MISFIT_WARN_DEX, noise_limit), MISFIT_FAIL_DEX)
+    verdict = grade(rms, min(MISFIT_WARN_DEX, noise_limit), MISFIT_FAIL_DEX)
     statement = (
         f"At its least-squares optimum the model leaves {rms:.3f} dex rms ({_percent(rms):.0f} %); "
         + (
@@ -191,7 +177,7 @@ def _misfit(rms: float, noise: float) -> Diagnostic:
 
 
 def _correlation(residuals: Residuals, share: float) -> Diagnostic:
-    verdict = _grade(residuals.lag1, LAG1_WARN, LAG1_FAIL)
+    verdict = grade(residuals.lag1, LAG1_WARN, LAG1_FAIL)
     advice = (
         f"Neighbouring readings are not independent: their information is that of about "
         f"{100 * share:.2g} % of the rows, and the intervals of this i.i.d. likelihood are too "
@@ -209,7 +195,7 @@ def _correlation(residuals: Residuals, share: float) -> Diagnostic:
 def _discrepancy(found: DiscrepancySize) -> Diagnostic:
     """Too large, or so long that it is a second level of the scan: the model does not apply."""
     too_long = found.tau > DISCREPANCY_WARN and found.ell_deg > 0.5 * found.span_deg
-    verdict = FAIL if too_long else _grade(found.tau, DISCREPANCY_WARN, DISCREPANCY_FAIL)
+    verdict = FAIL if too_long else grade(found.tau, DISCREPANCY_WARN, DISCREPANCY_FAIL)
     factors = [found.sd[name] / found.sd_if_independent[name] for name in found.sd]
     statement = (
         f"Along a scan the model is off by {found.size_dex:.3f} dex ({found.size_percent:.1f} %), "
@@ -340,23 +326,6 @@ def _coverage(inside: int, n: int, share: float) -> Diagnostic:
         "coverage", "Readings inside the 90 % predictive band", coverage, 0.9, "1", verdict,
         f"{100 * coverage:.1f} % of the {n} fitted readings lie inside the 90 % predictive band.",
         "" if verdict == PASS else "The noise model does not describe the scatter of the readings.",
-    )  # fmt: skip
-
-
-def _holdout(holdout: Holdout) -> Diagnostic:
-    """A miss that its band announces is a lack of information, not a failure of the model."""
-    covered = holdout.coverage_90 >= COVERAGE_WARN[0] - 0.1
-    verdict = _grade(holdout.rms_dex, MISFIT_WARN_DEX, MISFIT_FAIL_DEX)
-    announced = covered and holdout.rms_dex < 0.5 * holdout.width_dex
-    if announced:
-        verdict = PASS
-    elif verdict == PASS and not covered:
-        verdict = WARN
-    return Diagnostic(
-        "holdout", "Prediction of scans not fitted", holdout.rms_dex, MISFIT_FAIL_DEX, "dex",
-        verdict, holdout.statement,
-        "" if verdict == PASS else "Curves at angles that were not measured are less certain than "
-        "their bands say.",
     )  # fmt: skip
 
 

@@ -68,12 +68,14 @@ def k_hat_limit(n_draws: int) -> float:
     return min(1.0 - 1.0 / log10(max(n_draws, 11)), K_HAT_LIMIT)
 
 
-def adapt_mixture(posterior: Posterior, start: Mixture, *, seed: int) -> Mixture:
+def adapt_mixture(
+    posterior: Posterior, start: Mixture, *, seed: int, good_share: float = _GOOD_SHARE
+) -> Mixture:
     """Fit the mixture to the posterior by rounds of importance sampling.
 
     All rounds so far are weighed against the mixture of their proposals (Cornuet et al. 2012,
-    doi:10.1111/j.1467-9469.2011.00756.x) and refitted, until half of the draws are effective. While
-    few are, the weights are tempered, so that no single point takes over.
+    doi:10.1111/j.1467-9469.2011.00756.x) and refitted, until a good share of the draws is
+    effective. While few are, the weights are tempered, so that no single point takes over.
 
     Parameters
     ----------
@@ -81,6 +83,8 @@ def adapt_mixture(posterior: Posterior, start: Mixture, *, seed: int) -> Mixture
     start : Mixture
         In the coordinates z, e.g. from `laplace_mixture`.
     seed : int
+    good_share : float
+        Effective over proposed draws at which it ends, in (0, 1).
 
     Returns
     -------
@@ -96,7 +100,7 @@ def adapt_mixture(posterior: Posterior, start: Mixture, *, seed: int) -> Mixture
         every = np.concatenate(points)
         density = np.logaddexp.reduce([q.log_density(every) for q in proposals], axis=0)
         log_weights = np.concatenate(values) - density
-        if _effective(log_weights[-_ROUND_SIZE:], 1.0) > _GOOD_SHARE * _ROUND_SIZE:
+        if _effective(log_weights[-_ROUND_SIZE:], 1.0) > good_share * _ROUND_SIZE:
             break
         if not np.isfinite(log_weights).any():
             return start

@@ -150,6 +150,33 @@ def dhr_curves_of(analysis: Analysis) -> list[DhrCurve]:
     ]
 
 
+@dataclass(frozen=True, eq=False)
+class ScanPlaces:
+    """Places of the readings of one scan in what all others predict, in [0, 1], ascending."""
+
+    label: str
+    polarization: str
+    pit: Array
+    p_value: float
+
+
+def places_of(analysis: Analysis) -> list[ScanPlaces]:
+    """Return the probability integral transforms scan by scan, in the order of the measurement."""
+    pit, get = _group(analysis, "leave_one_out")("brdf_pit"), _group(analysis, "constant_data")
+    told = (analysis.summary.get("leave_one_out") or {}).get("pit", [])
+    p_values = {scan["label"]: float(scan["p_value"]) for scan in told}
+    labels, index = _words(get("scan")), get("brdf_scan")
+    if pit.size == 0 or pit.size != index.size:
+        return []
+    found = []
+    for label, rows in zip(labels, _rows_by(index, len(labels)), strict=True):
+        known = np.sort(pit[rows][np.isfinite(pit[rows])])
+        if known.size and label in p_values:
+            polarization = str(get("brdf_polarization")[int(rows[0])])
+            found.append(ScanPlaces(label, polarization, known, p_values[label]))
+    return found
+
+
 def held_out_of(analysis: Analysis) -> tuple[list[Curve], list[ScanPoints]]:
     """Return the scans that were left out and the predictive bands made without them.
 

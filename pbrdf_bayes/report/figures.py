@@ -14,10 +14,12 @@ from pbrdf_bayes.report.arrays import (
     draws_of,
     ensembles_of,
     held_out_of,
+    places_of,
     scans_of,
 )
 from pbrdf_bayes.report.figures_brdf import MOST_POINTS, key_picture, plane_pictures
 from pbrdf_bayes.report.figures_dhr import dhr_pictures
+from pbrdf_bayes.report.figures_pit import MOST_SCANS, pit_picture
 from pbrdf_bayes.report.figures_planes import (
     MOST_PLANES,
     Picture,
@@ -43,6 +45,7 @@ class Figures:
     between: list[Picture]
     dhr: list[Picture]
     residuals: list[Picture]
+    places: Picture | None
     held_out: list[Picture]
     corner: Picture | None
     chains: list[Picture]
@@ -79,6 +82,7 @@ def _draw(analysis: Analysis) -> Figures:
         between=plane_pictures(planes_of(between, [])[:MOST_PLANES], name="between"),
         dhr=dhr_pictures(dhr_curves, dhr_points),
         residuals=residual_pictures(shown, curves),
+        places=pit_picture(places_of(analysis)),
         held_out=plane_pictures(
             worst_planes(planes_of(*held_out_of(analysis))),
             name="held",
@@ -117,13 +121,15 @@ def _key(
 
 def _remarks(n_planes: int, n_scans: int, longest: int) -> dict[str, str]:
     """Say where a figure leaves something out."""
-    found = dict.fromkeys(("measured", "residuals", "points"), "")
+    found = dict.fromkeys(("measured", "residuals", "points", "places"), "")
     if n_planes > MOST_PLANES:
         found["measured"] = (
             f"The {MOST_PLANES} worst-fitting of {count(n_planes)} scan planes are drawn."
         )
     if n_scans > MOST_PLANES:
         found["residuals"] = f"The {MOST_PLANES} worst-fitting of {count(n_scans)} scans are drawn."
+    if n_scans > MOST_SCANS:
+        found["places"] = f"The {MOST_SCANS} of {count(n_scans)} scans least like chance are drawn."
     if longest > MOST_POINTS:
         found["points"] = (
             f"At most {MOST_POINTS} readings of a scan are drawn here, evenly thinned; "

@@ -22,6 +22,7 @@ TITLES = {
     "between": "BRDF at angles not measured",
     "dhr": "Hemispherical reflectance",
     "residuals": "Residuals",
+    "leave_one_out": "Each reading against all others",
     "holdout": "Hold-out prediction",
     "posterior": "Posterior and sampling",
     "diagnostics": "Diagnostics",
@@ -109,6 +110,10 @@ def _context(analysis: Analysis) -> dict[str, Any]:
         "residual_text": texts.residual_text(summary),
         "holdout": summary["holdout"],
         "holdout_rows": tables.holdout_rows(summary),
+        "cases": tables.case_rows(summary),
+        "loo_text": texts.leave_one_out_text(summary),
+        "readings": tables.reading_rows(summary),
+        "sensitivity": any("prior_sensitivity" in p for p in summary["parameters"].values()),
         "optima": _optima(analysis),
         "scans": tables.scan_rows(summary),
         "warnings": summary["input"]["warnings"],
@@ -145,7 +150,8 @@ def _contents(analysis: Analysis, figures: Figures) -> dict[str, Any]:
         "between": not figures.between,
         "dhr": not figures.dhr,
         "residuals": not figures.residuals,
-        "holdout": not analysis.summary["holdout"],
+        "leave_one_out": not analysis.summary.get("leave_one_out"),
+        "holdout": not (analysis.summary["holdout"] or analysis.summary.get("holdouts")),
     }
     sections = [name for name in TITLES if not absent.get(name, False)]
     numbers = {name: number for number, name in enumerate(sections, start=1)}

@@ -25,6 +25,7 @@ from pbrdf_bayes.report.numbers import (
 )
 
 Record = Mapping[str, Any]
+_READINGS = 3
 DIAGONAL = ("1", "#eceef0")
 ORDER = {"FAIL": 0, "WARN": 1, "PASS": 2, "SKIP": 3}
 
@@ -60,6 +61,8 @@ class ParameterRow:
     prior: str
     contraction: str
     effective: str
+    by_prior: str
+    by_readings: str
     bar: Bar | None
 
 
@@ -119,6 +122,8 @@ def _parameter_row(name: str, p: Record, prior: NDArray[np.float64]) -> Paramete
         prior=p["prior"],
         contraction=_contraction(p["contraction"]),
         effective=_contraction(p["contraction_effective"]) if "contraction_effective" in p else "",
+        by_prior=fixed(p.get("prior_sensitivity"), 2),
+        by_readings=fixed(p.get("likelihood_sensitivity"), 2),
         bar=_bar(p, prior),
     )
 
@@ -281,4 +286,32 @@ def holdout_rows(summary: Record) -> list[tuple[str, ...]]:
             dex_as_percent(s["width_dex"]),
         )
         for s in lines
+    ]  # fmt: skip
+
+
+def case_rows(summary: Record) -> list[tuple[str, ...]]:
+    """One line per prediction of scans left out: verdict, what, from what, how well."""
+    words = {"recipe": "all but {}", "angle": "{}", "polarization": "{}"}
+    return [
+        (
+            str(h["verdict"]), words.get(h["kind"], "{}").format(h["name"]), str(h["fitted"]),
+            count(h["n"]), number(h["rms_dex"], digits=2), dex_as_percent(h["rms_dex"]),
+            number(h["rms_expected_dex"], digits=2), percent(h["coverage_90"], digits=3),
+            number(h["width_dex"], digits=2), dex_as_percent(h["width_dex"]),
+        )
+        for h in summary.get("holdouts") or []
+    ]  # fmt: skip
+
+
+def reading_rows(summary: Record) -> list[tuple[str, ...]]:
+    """Readings that weigh most in the posterior, then those farthest from all others."""
+    found = summary.get("leave_one_out") or {}
+    lines = [("most influential", r) for r in found.get("most_influential", [])[:_READINGS]]
+    lines += [("farthest", r) for r in found.get("farthest", [])[:_READINGS]]
+    return [
+        (
+            why, str(r["label"]), degrees(r["angle_deg"]), count(r["row"] or None),
+            fixed(r["k_hat"], 2), fixed(r["z"], 1),
+        )
+        for why, r in lines
     ]  # fmt: skip

@@ -98,6 +98,26 @@ def residual_text(summary: Record) -> str:
     )
 
 
+def leave_one_out_text(summary: Record) -> str:
+    """Sum of the log predictive densities and the influence of single readings."""
+    found = summary.get("leave_one_out")
+    if not found:
+        return ""
+    many = found["n_influential"]
+    return (
+        f"Each of {count(found['n'])} readings is held against what all the others predict of it. "
+        f"The log densities sum to {fixed(found['elpd'], 0)} ± {fixed(found['u_elpd'], 0)} "
+        f"(elpd), with {fixed(found['p_loo'], 1)} effective parameters. The largest Pareto k-hat, "
+        f"the weight of a single reading in the posterior, is {fixed(found['k_hat'], 2)}"
+        + (
+            f"; {count(many)} reading{'s' * (many != 1)} above {fixed(found['k_hat_limit'], 2)} "
+            f"got a sample without {'it' if many == 1 else 'them'}."
+            if many
+            else "."
+        )
+    )
+
+
 def model_text(summary: Record) -> str:
     """Say which model and which likelihood were used."""
     effects = words_of(summary["effects"], "none, exactly the model of the 2011 paper")

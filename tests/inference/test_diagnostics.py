@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 
 import pbrdf_bayes as pb
 from pbrdf_bayes.inference.diagnostics import (
-    Diagnostic,
     Identifiability,
     assess_identifiability,
-    overall_verdict,
     run_diagnostics,
 )
 from pbrdf_bayes.inference.holdout import Holdout
@@ -23,6 +21,7 @@ from pbrdf_bayes.inference.map_fit import MapResult, Optimum
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.residuals import Residuals
 from pbrdf_bayes.inference.sampling import Draws
+from pbrdf_bayes.inference.verdicts import Diagnostic, overall_verdict
 
 Array = NDArray[np.float64]
 NAMES = ("n", "k", "sigma_n0", "rho0")

@@ -38,8 +38,21 @@ def analysis(name: str = "demo", *, seed: int = 7) -> Analysis:
     }
     if case.holdout:
         groups["holdout"] = _holdout(data)
+    if case.theta_i_deg:
+        groups["leave_one_out"] = _leave_one_out(data, rng)
     summary = summary_of(case, names, posterior, prior, data)
     return Analysis(summary, xr.DataTree.from_dict(groups), config_toml(case))
+
+
+def _leave_one_out(data: dict[str, Any], rng: np.random.Generator) -> xr.Dataset:
+    n = data["observed"]["brdf"].size
+    return xr.Dataset(
+        {
+            "brdf_elpd": ("brdf_obs", rng.normal(2.5, 0.7, n)),
+            "brdf_k_hat": ("brdf_obs", rng.uniform(-0.3, 0.4, n)),
+            "brdf_pit": ("brdf_obs", rng.random(n)),
+        }
+    )
 
 
 def lorentzian(pol: Any, theta_i_deg: Any, theta_r_deg: Any) -> Array:

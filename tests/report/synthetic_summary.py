@@ -64,8 +64,45 @@ def summary_of(
         "accuracy": {"level": "standard", "rtol": 1e-6, "normalisation_error": 2.1e-8,
                      "microseconds_per_evaluation": 41.2},
         "holdout": _holdout_record(scans) if case.holdout else None,
+        **({"leave_one_out": _leave_one_out(scans)} if scans else {}),
+        "holdouts": _holdouts() if case.holdout else [],
         "timings": {"read": 0.12, "map": 1.9, "sampling": 12.4, "predictions": 1.1},
     }  # fmt: skip
+
+
+def _leave_one_out(scans: list[dict[str, Any]]) -> dict[str, Any]:
+    reading = {"label": scans[0]["label"], "angle_deg": 20.0, "row": 12, "k_hat": 0.31, "z": -2.4}
+    pit = [
+        {"label": s["label"], "n": s["n"], "distance": 0.05, "p_value": 0.4, "mean": 0.0, "sd": 1.0}
+        for s in scans
+    ]
+    return {
+        "elpd": 8176.4, "u_elpd": 41.0, "p_loo": 6.3, "n": 3226, "n_draws": 600, "k_hat": 0.31,
+        "k_hat_limit": 0.64, "n_influential": 1, "most_influential": [reading],
+        "farthest": [reading], "pit": pit,
+    }  # fmt: skip
+
+
+def _holdouts() -> list[dict[str, Any]]:
+    one = {
+        "rms_dex": 0.009,
+        "rms_expected_dex": 0.011,
+        "coverage_90": 0.91,
+        "width_dex": 0.03,
+        "n": 99,
+    }
+    kinds = {"recipe": "scan s 20 deg", "angle": "60 deg", "polarization": "p from s"}
+    return [
+        {
+            "kind": kind,
+            "name": name,
+            "fitted": "the others",
+            "statement": "So.",
+            "verdict": "PASS",
+            **one,
+        }
+        for kind, name in kinds.items()
+    ]
 
 
 HEADLINES = {

@@ -1,0 +1,72 @@
+"""What a verdict is, and the thresholds of all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pbrdf_bayes.inference.importance import K_HAT_LIMIT
+
+MISFIT_WARN_DEX = 0.05
+MISFIT_FAIL_DEX = 0.10
+NOISE_RATIO_WARN = 3.0
+LAG1_WARN = 0.2
+LAG1_FAIL = 0.5
+DISCREPANCY_WARN = 0.08
+DISCREPANCY_FAIL = 0.15
+CONTRACTION_WARN = 0.5
+BOUND_SHARE_WARN = 0.2
+BOUND_QUANTILE = 0.01
+COVERAGE_WARN = (0.82, 0.97)
+COVERAGE_CHANCE = 0.005
+RIVAL_NATS = 12.0
+SURPRISE_LIMIT = 1.5
+"""Hold-out rms over the 95 % quantile of what the prediction leads to expect. 1.5 of those is 2.9
+standard deviations of an error that all readings share: by chance in three of a thousand."""
+FALSE_ALARM = 0.01
+"""Probability of a false alarm shared by all readings, or by all scans (Bonferroni)."""
+INFLUENCE_WARN = K_HAT_LIMIT
+PIT_DISTANCE = 0.05
+"""Kolmogorov distance that matters, however many readings prove it."""
+SENSITIVE = 0.05
+"""Power scaling: Kallioinen et al. 2024, doi:10.1007/s11222-023-10366-5."""
+DISPLACED = 2.0
+"""Posterior mean from the middle of the prior, in its standard deviations."""
+
+PASS, WARN, FAIL = "PASS", "WARN", "FAIL"
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """One verdict.
+
+    Attributes
+    ----------
+    name, title : str
+    value : float
+        NaN where it could not be computed.
+    threshold : float
+    unit : str
+    verdict : {"PASS", "WARN", "FAIL"}
+    statement, advice : str
+        What was found, with its numbers; what follows from it (empty for PASS).
+    """
+
+    name: str
+    title: str
+    value: float
+    threshold: float
+    unit: str
+    verdict: str
+    statement: str
+    advice: str = ""
+
+
+def grade(value: float, warn: float, fail: float) -> str:
+    """FAIL above one limit, WARN above the lower one."""
+    return FAIL if value > fail else WARN if value > warn else PASS
+
+
+def overall_verdict(verdicts: Sequence[str]) -> str:
+    """The worst verdict."""
+    return FAIL if FAIL in verdicts else WARN if WARN in verdicts else PASS
