@@ -43,8 +43,8 @@ HOMES = {
     "xarray": {"io", "tree", "results"}, "numba": {"physics", "inference", "bench"},
     "llvmlite": {"physics.elementary"}, "fcntl": {"io.run_folder"}, "signal": {"cli"},
     "threadpoolctl": {"inference", "bench"}, "subprocess": set(), "pickle": set(), "arviz": set(),
-    "random": set(), "pathlib": {"io", "resume", "workflow", "checking", "prediction", "cli", "bench", "physics.compiled"},
-    "os": {"io", "cli", "bench"}, "tempfile": {"io"}, "time": {"inference.ensembles", "io.checkpoint", "workflow", "bench"},
+    "random": set(), "pathlib": {"io", "resume", "workflow", "checking", "prediction", "cli", "bench", "validation", "physics.compiled"},
+    "os": {"io", "cli", "bench"}, "tempfile": {"io"}, "time": {"inference.ensembles", "io.checkpoint", "workflow", "bench", "validation"},
 }  # fmt: skip
 """What only these parts import, wherever it is imported at all."""
 

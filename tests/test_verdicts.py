@@ -36,12 +36,29 @@ CASES: dict[str, tuple[Measurement, dict[str, Any]]] = {
         simulated(theta_i_deg=(10.0, 20.0, 40.0, 60.0), theta_r_deg=[20.0]),
         {},
     ),
+    "readings in the floor, taken as independent": (
+        with_floor(simulated(), FLOOR),
+        {"brdf_floor": FLOOR, "noise": "iid"},
+    ),
     "8 % noise": (simulated(relative_noise=0.08, dhr_noise=0.002), {}),
     "unpolarised": (simulated(polarizations=["u"]), {}),
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+IN_THE_FLOOR = pytest.mark.xfail(
+    strict=True,
+    reason="noise that adds to the BRDF is not the log-normal law of readings in the floor: the "
+    "discrepancy takes up the difference (10 % where 40 % of the readings are censored)",
+)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=IN_THE_FLOOR) if name == "readings in the floor" else name
+        for name in CASES
+    ],
+)
 def test_good_data_are_not_called_bad(name: str) -> None:
     measurement, choices = CASES[name]
     config = pb.RunConfig(accuracy="draft", threads=1, **choices)

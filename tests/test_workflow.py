@@ -30,7 +30,7 @@ from pbrdf_bayes.workflow import (
     rebuild_report,
 )
 
-NAMES = ["n", "k", "sigma_n0", "rho0", "s_rel_s", "s_rel_p", "u_dhr"]
+NAMES = ["n", "k", "sigma_n0", "rho0", "s_rel_s", "s_rel_p", "tau", "ell_deg", "u_dhr"]
 DRAFT = pb.RunConfig(accuracy="draft")
 
 

@@ -23,12 +23,15 @@ Array = NDArray[np.float64]
 N_SETS = 64
 RTOL_DIGITS = 6.0
 _SCATTER = 0.03
-_CENTRES = {"s_rel_s": 0.02, "s_rel_p": 0.02, "u_dhr": 5e-4}
+_CENTRES = {
+    "s_rel_s": 0.02, "s_rel_p": 0.02, "s_rel_u": 0.02, "tau": 0.03, "ell_deg": 20.0, "u_dhr": 5e-4,
+}  # fmt: skip
+_IID = RunConfig(noise="iid")
 
 
 def paper_posterior() -> Posterior:
     """Posterior of simulated data of the paper's size: 10 scans of 321 points and 16 DHR."""
-    posterior = build_posterior(simulate_measurement(GREEN_PAINT, seed=1), RunConfig())
+    posterior = build_posterior(simulate_measurement(GREEN_PAINT, seed=1), _IID)
     return replace(posterior, digits=RTOL_DIGITS)
 
 
@@ -104,14 +107,14 @@ _SCANS = (2, 10, 40, 160)
 
 def _of_points(n: int) -> Posterior:
     grid = np.linspace(-80.0, 80.0, n)
-    return build_posterior(simulate_measurement(GREEN_PAINT, seed=1, theta_r_deg=grid), RunConfig())
+    return build_posterior(simulate_measurement(GREEN_PAINT, seed=1, theta_r_deg=grid), _IID)
 
 
 def _of_scans(n: int) -> Posterior:
     angles = np.linspace(0.0, 80.0, n // 2).tolist()
     grid = np.linspace(-80.0, 80.0, 81)
     made = simulate_measurement(GREEN_PAINT, seed=1, theta_i_deg=angles, theta_r_deg=grid)
-    return build_posterior(made, RunConfig())
+    return build_posterior(made, _IID)
 
 
 def _sweep(make: Callable[[int], Posterior], sizes: tuple[int, ...], rounds: int) -> dict[str, Any]:
@@ -195,14 +198,24 @@ def measure_options(*, quick: bool) -> list[dict[str, Any]]:
     """
     measurement = simulate_measurement(GREEN_PAINT, seed=1)
     brdf_only = select_scans(measurement, np.ones(len(measurement.scans), dtype=bool), dhr=False)
-    off = RunConfig(u_dhr_cal=0.0)
+    off = RunConfig(noise="iid", u_dhr_cal=0.0)
+    correlated = replace(off, noise="correlated")
+    unpolarised = simulate_measurement(
+        GREEN_PAINT, seed=1, polarizations=("u",), dhr_theta_i_deg=(),
+        theta_i_deg=tuple(np.linspace(0.0, 80.0, 10).tolist()),
+    )  # fmt: skip
     cases = {
         "all off: the four-parameter model, BRDF rows only": (brdf_only, off),
         "DHR readings": (measurement, off),
-        "DHR readings with a calibration gain": (measurement, RunConfig()),
+        "DHR readings with a calibration gain": (measurement, _IID),
         "calibration gain of each scan": (brdf_only, replace(off, u_brdf_cal=0.02)),
         "scale of each scan free": (measurement, replace(off, brdf_scale="relative")),
         "instrument floor": (brdf_only, replace(off, brdf_floor=1e-6)),
+        "unpolarised readings instead of s and p": (unpolarised, off),
+        "discrepancy correlated along theta_r (Matérn 3/2)": (brdf_only, correlated),
+        "the same, Matérn 1/2": (brdf_only, replace(correlated, discrepancy="matern-1/2")),
+        "discrepancy and calibration gain": (brdf_only, replace(correlated, u_brdf_cal=0.02)),
+        "Student-t noise": (brdf_only, replace(off, tails="student-t")),
     }
     made = {
         name: replace(build_posterior(data, config), digits=RTOL_DIGITS)

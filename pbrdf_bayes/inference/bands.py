@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from pbrdf_bayes.inference.correlated_likelihood import precision_times
+from pbrdf_bayes.inference.correlated_likelihood import divide_by_share, precision_times
 from pbrdf_bayes.inference.filtered_likelihood import noise_mixture
 from pbrdf_bayes.inference.innovations import draw_gains, filter_all
 from pbrdf_bayes.inference.posterior import Posterior
@@ -179,7 +179,7 @@ def replicate_brdf(
     _, scan = np.unique(keys, axis=0, return_inverse=True)
     scan = 3 * scan.ravel() + np.searchsorted(["p", "s", "u"], targets.polarization)
     gains = stratified_normal(rng, (len(draws), int(scan.max(initial=0)) + 1))
-    gain = min(np.sqrt(posterior.rows.u_cal2), 1.0) * gains[:, scan]
+    gain: Array | float = min(np.sqrt(posterior.rows.u_cal2), 1.0) * gains[:, scan]
     if scales is not None:
         gain = np.log(scales)
     if "tau" in names:
@@ -187,6 +187,8 @@ def replicate_brdf(
         gain = gain + tau * stratified_normal(rng, curves.shape)
     floor = posterior.config.brdf_floor
     f2 = np.maximum(curves, 1e-280) ** 2
+    if posterior.discrepancy is not None:  # gain and discrepancy are those of the BRDF itself
+        f2, gain = f2 * np.exp(2.0 * gain), 0.0
     stated2 = _stated_variance(posterior, targets.polarization)
     sd = np.sqrt(noise**2 + stated2 + floor**2 / (f2 + floor**2))
     if posterior.config.tails == "student-t":
@@ -257,9 +259,9 @@ def _scales_beside_discrepancy(
     of_scan = law.group_of_scan
     rank = np.array([int(np.sum(of_scan[:j] == of_scan[j])) for j in range(of_scan.size)])
     indicators = (rank[scan] == np.arange(rank.max() + 1)[:, None]).astype(np.float64)
-    floor2 = rows.floor2
-    extra = law.stated2 + floor2 / (curve**2 + floor2) if floor2 > 0.0 else law.stated2
-    solved = precision_times(rows, law, x, extra, np.concatenate([residual[None], indicators]))
+    h, extra = divide_by_share(rows, law, x[rows.noise_column][scan] ** 2, curve)
+    values = np.concatenate([residual[None] / h, indicators])
+    solved = precision_times(rows, law, x, extra, values)
     sums = np.add.reduceat(solved, rows.scan_start[:-1], axis=1)
     same = of_scan[:, None] == of_scan
     u2 = rows.u_cal2

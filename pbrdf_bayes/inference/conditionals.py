@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.inference.correlated import group_gradient
+from pbrdf_bayes.inference.correlated_likelihood import divide_by_share
 from pbrdf_bayes.inference.groups import set_variances, workspace
 from pbrdf_bayes.inference.matern import MISSING
 from pbrdf_bayes.inference.posterior import Posterior
@@ -64,7 +65,7 @@ def brdf_conditionals(posterior: Posterior, draws: Array, brdf: Array) -> Condit
     residual = rows.y - floored(log_f, rows.floor2)
     share = rows.floor2 / (brdf * brdf + rows.floor2) if rows.floor2 > 0.0 else 0.0 * brdf[:, :1]
     if posterior.discrepancy is not None:
-        return _beside_discrepancy(posterior, draws, residual, share)
+        return _beside_discrepancy(posterior, draws, residual, brdf)
     error, variance = np.empty(residual.shape), np.empty(residual.shape)
     for scan, column in enumerate(rows.noise_column.tolist()):
         a, b = rows.scan_start[scan], rows.scan_start[scan + 1]
@@ -116,7 +117,7 @@ def _given_others(
 
 
 def _beside_discrepancy(
-    posterior: Posterior, draws: Array, residual: Array, share: Array
+    posterior: Posterior, draws: Array, residual: Array, brdf: Array
 ) -> Conditionals:
     """From alpha and the diagonal of K^-1, as one backward pass of the filter gives them."""
     rows, law = posterior.rows, posterior.discrepancy
@@ -125,16 +126,17 @@ def _beside_discrepancy(
     by_row = np.empty((4, rows.y.size))
     error, variance = np.empty(residual.shape), np.empty(residual.shape)
     left_out = np.where(rows.censored, MISSING, 0.0)
-    set_variances(law.groups, work, law.stated2 + left_out)
     for i, x in enumerate(draws):
-        if rows.floor2 > 0.0:
-            set_variances(law.groups, work, law.stated2 + share[i] + left_out)
+        group_variance = x[law.noise_column] ** 2
+        s2 = np.repeat(x[rows.noise_column] ** 2, np.diff(rows.scan_start))
+        h, extra = divide_by_share(rows, law, s2, brdf[i])
+        set_variances(law.groups, work, extra + left_out)
         group_gradient(
-            law.groups, work, residual[i], x[law.noise_column] ** 2, rows.u_cal2,
+            law.groups, work, residual[i] / h, group_variance, rows.u_cal2,
             x[law.tau_column], x[law.ell_column], by_row,
         )  # fmt: skip
         alpha = by_row[0]
         precision = np.maximum(alpha * alpha - 2.0 * by_row[1], _TINY)
-        error[i], variance[i] = alpha / precision, 1.0 / precision
+        error[i], variance[i] = h * alpha / precision, h * h / precision
     error[:, rows.censored] = variance[:, rows.censored] = np.nan
     return Conditionals(error, variance)

@@ -3,8 +3,12 @@
 For the rows a of scan j and group g (the scans of one angle of incidence, plane and polarisation),
 with model BRDF f, gain c_j, discrepancy d_g and instrument floor b:
 
-    y_a = 1/2 ln(f^2 + b^2) + c_j + d_g(theta_r,a) + noise_a,   c_j ~ N(0, u_cal^2)
-    noise_a ~ N(0, s_q^2 + u_a^2 + b^2/(f^2 + b^2))
+    y_a = 1/2 ln(f^2 + b^2) + h_a (c_j + d_g(theta_r,a)) + noise_a,   c_j ~ N(0, u_cal^2)
+    noise_a ~ N(0, s_q^2 + u_a^2 + b^2/(f^2 + b^2)),   h_a = f^2/(f^2 + b^2)
+
+Gain and discrepancy are those of the BRDF: h_a is how much of them is left beside the floor, to
+first order. The rows are divided by it, and the filter sees c + d with residuals and variances of
+that size.
 
 d_g is a Matérn process of amplitude tau and length ell, see `pbrdf_bayes.inference.correlated`. The
 scatter of repeated readings is largely common to neighbouring angles: it tells of c and d, and is
@@ -45,6 +49,10 @@ Index = NDArray[np.int64]
 
 NONE = -1
 """Column of a parameter that there is not."""
+
+
+LEAST_ABOVE = 1e-6
+"""Smallest h: nothing of the BRDF is left there."""
 
 
 class Discrepancy(NamedTuple):
@@ -132,8 +140,12 @@ def rowwise(n_rows: int, n_groups: int) -> Rowwise:
 @compiled()
 def compare_rows(
     geometry: Geometry, rows: Rows, law: Discrepancy, found: Buffers, x: Array, row: Rowwise
-) -> None:
-    """Residuals, the share of f^2 in f^2 + b^2 and the variances of the rows."""
+) -> float:
+    """Residuals and variances of the rows, over h and h^2.
+
+    Returns minus the sum of ln h over the rows that are not censored, which their densities need.
+    """
+    jacobian = 0.0
     for scan in range(rows.noise_column.size):
         a, b = rows.scan_start[scan], rows.scan_start[scan + 1]
         values = found.log_f[geometry.row_polarization[a]]
@@ -143,13 +155,39 @@ def compare_rows(
             residual[i] = y[i] - log_f[i]
         if rows.floor2 > 0.0:
             above, extra, stated = row.above[a:b], row.extra[a:b], law.stated2[a:b]
+            s2 = x[rows.noise_column[scan]] ** 2
             for i in range(y.size):
                 ratio = rows.floor2 * exp(min(-2.0 * log_f[i], 600.0))
                 above[i] = 1.0 / (1.0 + ratio)
-                residual[i] -= 0.5 * log(1.0 + ratio)
-                extra[i] = stated[i] + ratio * above[i]
+                h = max(above[i], LEAST_ABOVE)
+                residual[i] = (residual[i] - 0.5 * log(1.0 + ratio)) / h
+                extra[i] = (s2 + stated[i] + ratio * above[i]) / (h * h) - s2
+                jacobian -= 0.0 if rows.censored[a + i] else log(h)
     for group in range(law.noise_column.size):
         row.group_variance[group] = x[law.noise_column[group]] ** 2
+    return jacobian
+
+
+def divide_by_share(rows: Rows, law: Discrepancy, s2: Array, brdf: Array) -> tuple[Array, Array]:
+    """What `compare_rows` does, for one parameter set in NumPy.
+
+    Parameters
+    ----------
+    rows : Rows
+    law : Discrepancy
+    s2, brdf : ndarray, shape (n_brdf,)
+        White variance of the rows [1] and the model there [sr^-1].
+
+    Returns
+    -------
+    tuple of ndarray, each of shape (n_brdf,)
+        h, and the variance over h^2 beyond ``s2``.
+    """
+    if rows.floor2 == 0.0:
+        return np.ones(s2.size), law.stated2
+    above = brdf * brdf / (brdf * brdf + rows.floor2)
+    h = np.maximum(above, LEAST_ABOVE)
+    return h, (s2 + law.stated2 + 1.0 - above) / (h * h) - s2
 
 
 @compiled(nogil=True)
@@ -186,7 +224,7 @@ def correlated_log_likelihood(
         log_brdf(geometry, surf, digits, VALUES, ws, found)
         fill_dhr(geometry, surf, dhr)
         total, _ = dhr_readings(rows, dhr, x[rows.dhr_noise_column], dhr_work)
-        compare_rows(geometry, rows, law, found, x, row)
+        total += compare_rows(geometry, rows, law, found, x, row)
         if law.varied:
             set_variances(law.groups, work, row.extra if rows.floor2 > 0.0 else law.stated2)
         result[j] = total + group_log_likelihood(
@@ -227,9 +265,14 @@ def add_row_slopes(
         a, b = rows.scan_start[scan], rows.scan_start[scan + 1]
         s_rel = x[rows.noise_column[scan]]
         by_log_f, by_v, above = by_row[0, a:b], by_row[1, a:b], row.above[a:b]
+        residual, extra, censored = row.residual[a:b], row.extra[a:b], rows.censored[a:b]
         for i in range(b - a):
-            out[rows.noise_column[scan]] += 2.0 * s_rel * by_v[i]
-            by_log_f[i] = above[i] * (by_log_f[i] - 2.0 * by_v[i] * (1.0 - above[i]))
+            h, below = max(above[i], LEAST_ABOVE), 1.0 - above[i]
+            out[rows.noise_column[scan]] += 2.0 * s_rel * by_v[i] / (h * h)
+            by_h = 2.0 * residual[i] * by_log_f[i] - 4.0 * by_v[i] * (s_rel * s_rel + extra[i])
+            by_h -= 0.0 if censored[i] else 2.0
+            by_h *= below if above[i] > LEAST_ABOVE else 0.0
+            by_log_f[i] = above[i] / h * (by_log_f[i] - 2.0 * by_v[i] * below / h) + by_h
         weight += add_scan_slopes(geometry, found, a, by_log_f, sums)
     to_parameters(sums[0], sums[1], sums[2], surf, physical)
     out[0] += physical[0]
@@ -269,7 +312,7 @@ def correlated_gradient(
         log_brdf(geometry, surf, digits, SLOPES, ws, found)
         fill_dhr(geometry, surf, dhr)
         total = add_dhr_slopes(geometry, rows, surf, x, dhr, dhr_work, out)
-        compare_rows(geometry, rows, law, found, x, row)
+        total += compare_rows(geometry, rows, law, found, x, row)
         if law.varied:
             set_variances(law.groups, work, row.extra if rows.floor2 > 0.0 else law.stated2)
         value, by_tau, by_ell = group_gradient(

@@ -188,7 +188,7 @@ def filtered_log_likelihood(
         log_brdf(geometry, surf, digits, VALUES, ws, found)
         fill_dhr(geometry, surf, dhr)
         total, _ = dhr_readings(rows, dhr, x[rows.dhr_noise_column], dhr_work)
-        compare_rows(geometry, rows, law, found, x, row)
+        total += compare_rows(geometry, rows, law, found, x, row)
         _fill_variance(rows, law, row, x, variance)
         total += sweep_log_likelihood(
             filtered.sweep, tape, row.residual, variance, rows.censored, rows.u_cal2, tau, ell
@@ -234,7 +234,7 @@ def filtered_gradient(
         log_brdf(geometry, surf, digits, SLOPES, ws, found)
         fill_dhr(geometry, surf, dhr)
         result[j] = add_dhr_slopes(geometry, rows, surf, x, dhr, dhr_work, out)
-        compare_rows(geometry, rows, law, found, x, row)
+        result[j] += compare_rows(geometry, rows, law, found, x, row)
         _fill_variance(rows, law, row, x, variance)
         value, by_tau, by_ell = sweep_gradient(
             filtered.sweep, tape, row.residual, variance, rows.censored, rows.u_cal2, tau, ell,

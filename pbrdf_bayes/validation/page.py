@@ -1,3 +1,79 @@
-"""page"""
-def render_page(result):
-    return ""
+"""The page of the studies: one self-contained HTML file in the style of the report."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, FunctionLoader, StrictUndefined
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from pbrdf_bayes.report.svg import figure_style, inline_svg
+from pbrdf_bayes.validation.sbc import envelope
+
+_INK, _CONTROL, _BAND = "#1f4e79", "#c24d00", "#e3e9ef"
+_NAMES = {
+    "sigma_n0": "σ_N0", "rho0": "ρ_0", "s_rel_s": "s_s", "s_rel_p": "s_p", "tau": "τ",
+    "ell_deg": "ℓ", "u_dhr": "u_DHR", "log_likelihood": "ln likelihood",
+}  # fmt: skip
+
+
+def render_page(result: dict[str, Any]) -> str:
+    """The page as text; the same result gives the same page.
+
+    Parameters
+    ----------
+    result : dict
+        Of `pbrdf_bayes.validation.run.run_studies`.
+
+    Returns
+    -------
+    str
+    """
+    environment = Environment(
+        loader=FunctionLoader(
+            lambda name: files("pbrdf_bayes.validation").joinpath(name).read_text(encoding="utf-8")
+        ),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+    )
+    environment.filters["symbol"] = symbol
+    css = files("pbrdf_bayes.report").joinpath("report.css").read_text(encoding="utf-8")
+    return environment.get_template("page.html.j2").render(
+        **result, css=Markup(css), figures=_rank_figures(result)
+    )
+
+
+def symbol(name: str) -> str:
+    """How a quantity is written on the page."""
+    return _NAMES.get(name, name)
+
+
+def _rank_figures(result: dict[str, Any]) -> list[tuple[str, Markup]]:
+    """ECDF of the ranks minus that of uniform ones, with its band; the control beside it."""
+    found: list[tuple[str, Markup]] = []
+    with figure_style():
+        for name, study in result["ranks"]["quantities"].items():
+            figure = Figure(figsize=(2.9, 1.9), layout="constrained")
+            axes = figure.add_subplot()
+            grid = np.linspace(0.0, 1.0, 201)
+            low, high = envelope(result["ranks"]["n"], grid)
+            axes.fill_between(grid, low - grid, high - grid, color=_BAND, lw=0)
+            for ranks, ink in (
+                (study["ranks"], _INK),
+                (result["control"]["quantities"][name]["ranks"], _CONTROL),
+            ):
+                below = np.searchsorted(np.sort(ranks), grid, side="right") / len(ranks)
+                axes.plot(grid, below - grid, color=ink, lw=1.4)
+            axes.axhline(0.0, color="#59636e", lw=0.6)
+            axes.set(xlim=(0, 1), ylim=(-0.3, 0.3), xticks=(0, 0.5, 1), yticks=(-0.2, 0, 0.2))
+            axes.tick_params(labelsize=8)
+            for side in ("top", "right"):
+                axes.spines[side].set_visible(False)
+            words = symbol(name)
+            label = f"Ranks of {words}: distribution function minus that of uniform ranks"
+            found.append((words, inline_svg(figure, name=f"ranks-{len(found)}", label=label)))
+    return found

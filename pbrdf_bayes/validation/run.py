@@ -134,7 +134,12 @@ def write_studies(result: dict[str, Any], folder: Path) -> Path:
 def main(arguments: list[str]) -> int:
     """``python -m pbrdf_bayes.validation [FOLDER]``: run everything, print the page's path."""
     folder = Path(arguments[0]) if arguments else DEFAULT_FOLDER
-    result = run_studies(told=lambda line: print(f"\r{line:<60}", end="", file=sys.stderr))
-    print(file=sys.stderr)
-    print(write_studies(result, folder))
+    result = run_studies(told=lambda line: _say(f"\r{line:<60}"))
+    _say("\n")
+    sys.stdout.write(f"{write_studies(result, folder)}\n")
     return 0
+
+
+def _say(words: str) -> None:
+    sys.stderr.write(words)
+    sys.stderr.flush()

@@ -119,8 +119,7 @@ def test_nothing_is_filtered_without_need(noise: str, small: Measurement) -> Non
 
 def test_censored_readings_without_misfit_are_those_of_independent_rows(small: Measurement) -> None:
     floored, plain = (
-        build(small, noise=noise, brdf_floor=FLOOR, u_brdf_cal=0.02)
-        for noise in ("correlated", "iid")
+        build(small, noise=noise, brdf_floor=FLOOR) for noise in ("correlated", "iid")
     )
     assert floored.rows.censored.any()
     x = point(floored)
@@ -245,7 +244,7 @@ def test_scales_of_scans(choices: dict[str, Any], small: Measurement) -> None:
     centre, sd = logs.mean(axis=0), logs.std(axis=0)
     wanted = np.where(np.arange(len(bright.scans)) == 1, np.log(1.3), 0.0)
     assert (np.abs(centre - wanted) < 4.0 * sd).all()
-    assert (sd < 0.2).all()  # the floor hides most of one
+    assert (sd < 0.25).all()  # the floor hides most of one
 
 
 def test_predictive_band_has_the_tails(small: Measurement) -> None:

@@ -65,7 +65,7 @@ def test_of_many_angles_an_even_choice(make_measurement: Callable[..., Measureme
 
 @pytest.fixture(scope="module")
 def predictions(small: Measurement) -> tuple[Holdout, ...]:
-    posterior = build_posterior(small, pb.RunConfig(accuracy="draft", threads=1))
+    posterior = build_posterior(small, pb.RunConfig(noise="iid", accuracy="draft", threads=1))
     return run_cases(posterior, np.array(TRUTH), list_cases(small), seed=1)
 
 
@@ -86,7 +86,7 @@ def test_a_polarisation_of_another_scale_is_not(small: Measurement) -> None:
     value = small.brdf.value.copy()
     value[small.brdf.polarization == "p"] *= 1.3
     wrong = replace(small, brdf=replace(small.brdf, value=value))
-    posterior = build_posterior(wrong, pb.RunConfig(accuracy="draft", threads=1))
+    posterior = build_posterior(wrong, pb.RunConfig(noise="iid", accuracy="draft", threads=1))
     found = judge_families(run_cases(posterior, np.array(TRUTH), list_cases(wrong)[2:], seed=1))
     assert found[0].verdict in ("WARN", "FAIL")
     assert "both polarisations" in found[0].advice

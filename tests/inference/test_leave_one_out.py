@@ -46,11 +46,13 @@ def dense_brdf(posterior: Posterior, x: Array) -> tuple[Array, Array]:
     noise = np.array([value[f"s_rel_{q}"] for q in m.brdf.polarization.tolist()])
     stated = np.nan_to_num(m.brdf.u_value / m.brdf.value)
     covariance = np.diag(noise**2 + stated**2 + b2 / (f**2 + b2))
-    covariance += config.u_brdf_cal**2 * (scan[:, None] == scan)
+    shared = config.u_brdf_cal**2 * (scan[:, None] == scan)
     if "tau" in value:  # the scans here are one to a geometry
         away = np.abs(m.brdf.theta_r_deg[:, None] - m.brdf.theta_r_deg) * 3**0.5 / value["ell_deg"]
-        covariance += value["tau"] ** 2 * (1 + away) * np.exp(-away) * (scan[:, None] == scan)
-    return residual, covariance
+        shared += value["tau"] ** 2 * (1 + away) * np.exp(-away) * (scan[:, None] == scan)
+        h = f**2 / (f**2 + b2)  # what a factor on f does beside the floor
+        shared *= np.outer(h, h)
+    return residual, covariance + shared
 
 
 def given_others(residual: Array, covariance: Array) -> tuple[Array, Array]:
@@ -106,7 +108,7 @@ def test_censored_readings_have_the_probability_of_the_floor(green: pb.Parameter
     values = m.brdf.value.copy()
     values[:2] = 0.0
     posterior = build_posterior(
-        replace(m, brdf=replace(m.brdf, value=values)), pb.RunConfig(brdf_floor=2e-3)
+        replace(m, brdf=replace(m.brdf, value=values)), pb.RunConfig(noise="iid", brdf_floor=2e-3)
     )
     one = np.append(green.as_array(), [0.02, 0.02, 0.0005])
     draws = np.tile(one, (300, 1)) * (
@@ -188,7 +190,7 @@ def test_an_outlier_is_named(small: Measurement) -> None:
 
 def test_a_scan_off_its_level_is_named(small: Measurement) -> None:
     """A third of the readings 10 % high; the noise of 2 % becomes that of the polarisation."""
-    found, _ = run(scaled(small, small.scans[2].rows, 1.1))
+    found, _ = run(scaled(small, small.scans[2].rows, 1.1), noise="iid")
     verdict = next(d for d in judge_readings(found) if d.name == "pit")
     assert verdict.verdict == "WARN"
     assert "s 60 deg" in verdict.statement or "s 20 deg" in verdict.statement

@@ -57,7 +57,7 @@ def test_every_key_is_read(tmp_path: Path) -> None:
     found = read_config(write(tmp_path, FULL), {})
     assert set(tomllib.loads(FULL)) == {f.name for f in fields(RunConfig)}
     assert found == RunConfig(
-        discrepancy="matern-1/2", tails="student-t", student_dof=6,
+        noise="iid", discrepancy="matern-1/2", tails="student-t", student_dof=6,
         accuracy="draft", prior="metal", brdf_floor=1e-6, brdf_scale="relative", u_brdf_cal=0.03,
         u_dhr_cal=0.02, predict_theta_i_deg=(10.0, 45.0), holdout=False, n_ensembles=6, n_walkers=48,
         max_steps=5000, threads=1, priors={

@@ -740,8 +740,12 @@ try:
 except ValueError:
     n = -1
 seconds = time.perf_counter() - start
-peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-print(n, seconds, time.process_time(), peak / (1e6 if sys.platform == "darwin" else 1e3))
+if sys.platform == "linux":  # ru_maxrss would be that of the process that started this one
+    status = open("/proc/self/status").read()
+    peak = int(status.split("VmHWM:")[1].split()[0]) / 1e3
+else:
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+print(n, seconds, time.process_time(), peak)
 """
 
 

@@ -39,7 +39,7 @@ def scan_of(
 
 def log_likelihood(measurement: Measurement, p: pb.Parameters, **config: Any) -> float:
     """Log-likelihood at the parameters with 2 % noise."""
-    posterior = pb.build_posterior(measurement, pb.RunConfig(**config))
+    posterior = pb.build_posterior(measurement, pb.RunConfig(**({"noise": "iid"} | config)))
     x = np.concatenate([p.as_array(), np.full(posterior.n_par - 4, 0.02)])
     return float(posterior.log_likelihood(x[None, :])[0])
 
@@ -173,7 +173,7 @@ def test_a_hundred_thousand_points_per_scan() -> None:
     """The sum over rows does not lose digits: noiseless data give n times the constant term."""
     angles = np.linspace(-80.0, 80.0, 100_001)
     measurement = scan_of(GREEN, 20.0, "s", angles)
-    posterior = pb.build_posterior(measurement, pb.RunConfig(accuracy="reference"))
+    posterior = pb.build_posterior(measurement, pb.RunConfig(noise="iid", accuracy="reference"))
     x = np.append(GREEN.as_array(), 0.02)[None, :]
     exact = -0.5 * angles.size * math.log(2.0 * math.pi * 0.02**2)
     # data at rtol 1e-8, model at 1e-10: residuals below 2e-8, chi^2 below 1e5 (2e-8/0.02)^2
