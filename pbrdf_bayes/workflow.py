@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.compile_ahead import compile_ahead, likelihood_to_compile
 from pbrdf_bayes.config import ACCURACIES, RunConfig
 from pbrdf_bayes.curves import count_covered, predict_curves, predict_dhr
 from pbrdf_bayes.data_checks import DataCheck, check_measurement
@@ -289,6 +290,10 @@ def fit_file(
     if resume and run_folder.is_finished(folder):
         summary = finished_summary(folder, posterior, seed)
         return FitRun(folder, summary["status"], summary["verdict"])
+    missing = likelihood_to_compile(posterior)
+    if missing is not None:
+        with clock.stage("compile"):
+            compile_ahead(missing)
     with run_folder.locked(folder):
         checkpoints = open_checkpoints(folder, run_identity(posterior, seed))
         with going_on(checkpoints):

@@ -8,9 +8,17 @@ import numpy as np
 import pytest
 
 import pbrdf_bayes as pb
+from pbrdf_bayes.compile_ahead import compile_ahead
 from pbrdf_bayes.workflow import fit_file
 
 REPOSITORY = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _kernels_on_disk() -> None:
+    """Every worker loads the kernels of a fit; one of them has them compiled."""
+    compile_ahead("iid")
+    compile_ahead("correlated")
 
 
 @pytest.fixture(scope="session")

@@ -21,7 +21,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("config", "model", "measurement", "results"),
     ("scan_statistics", "simulate", "polarimetry", "reciprocity"),
     ("data_checks", "inference", "io", "report"),
-    ("stages", "curves"),
+    ("stages", "curves", "compile_ahead"),
     ("summary", "tree"),
     ("resume",),
     ("workflow",),
@@ -40,10 +40,10 @@ HOMES = {
     "matplotlib": {"report", "bench", "validation"}, "jinja2": {"report", "bench", "validation"}, "nlopt": {"inference.map_fit"},
     "emcee": {"inference.sampling", "inference.ensembles"}, "arviz_stats": {"inference.arviz_adapter"},
     "jsonschema": {"io"}, "tomllib": {"io"}, "csv": {"io"}, "argparse": {"cli"}, "pandas": {"io"},
-    "xarray": {"io", "tree", "results"}, "numba": {"physics", "inference", "bench"},
+    "xarray": {"io", "tree", "results"}, "numba": {"physics", "inference", "bench", "compile_ahead"},
     "llvmlite": {"physics.elementary"}, "fcntl": {"io.run_folder"}, "signal": {"cli"},
-    "threadpoolctl": {"inference", "bench"}, "subprocess": set(), "pickle": set(), "arviz": set(),
-    "random": set(), "pathlib": {"io", "resume", "workflow", "checking", "prediction", "cli", "bench", "validation", "physics.compiled"},
+    "threadpoolctl": {"inference", "bench"}, "subprocess": {"compile_ahead"}, "pickle": set(), "arviz": set(),
+    "random": set(), "pathlib": {"io", "resume", "compile_ahead", "workflow", "checking", "prediction", "cli", "bench", "validation", "physics.compiled"},
     "os": {"io", "cli", "bench"}, "tempfile": {"io"}, "time": {"inference.ensembles", "io.checkpoint", "workflow", "bench", "validation"},
 }  # fmt: skip
 """What only these parts import, wherever it is imported at all."""

@@ -111,6 +111,27 @@ def _try_lock(handle: int) -> bool:
     return True
 
 
+@contextlib.contextmanager
+def only_one_at_a_time(path: Path) -> Iterator[None]:
+    """Wait until no other process is inside with the same file.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written.
+    """
+    with path.open("a", encoding="utf-8") as handle:
+        if os.name == "nt":
+            import msvcrt
+
+            msvcrt.locking(handle.fileno(), msvcrt.LK_LOCK, 1)  # type: ignore[attr-defined,unused-ignore]
+        else:
+            import fcntl
+
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a file whole or not at all.
 
