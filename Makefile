@@ -54,7 +54,7 @@ define environment
 	printf '%s\n' "$$want" > "$$stamp"
 endef
 
-.PHONY: help demo test lint format clean
+.PHONY: help demo test validate lint format clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' Makefile
@@ -67,6 +67,10 @@ demo: ## fit the example paint; the path of its report is the last line
 test: ## the whole suite
 	$(call environment,test)
 	@"$(ENV_PYTHON)" -m pytest -n $(JOBS) --dist loadfile $(PYTEST_ARGS)
+
+validate: ## simulated studies of ranks and coverage (about half an hour); writes reports/calibration
+	$(call environment,)
+	@"$(ENV_PYTHON)" -m pbrdf_bayes.validation
 
 lint: ## ruff, its formatter and mypy --strict, changing nothing
 	$(call environment,dev)

@@ -42,14 +42,17 @@ PRIORS: dict[str, Any] = {
 
 def config(**priors: Any) -> pb.RunConfig:
     return pb.RunConfig(
-        accuracy="draft", priors=PRIORS | priors, threads=1, u_brdf_cal=0.02, u_dhr_cal=0.01
-    )
+        noise="iid", accuracy="draft", priors=PRIORS | priors, threads=1, u_brdf_cal=0.02,
+        u_dhr_cal=0.01,
+    )  # fmt: skip
 
 
 def config_for(*names: str) -> pb.RunConfig:
     """With the priors of these parameters only."""
     priors = {name: PRIORS[name] for name in names}
-    return pb.RunConfig(accuracy="draft", priors=priors, threads=1, u_brdf_cal=0.02, u_dhr_cal=0.01)
+    return pb.RunConfig(
+        noise="iid", accuracy="draft", priors=priors, threads=1, u_brdf_cal=0.02, u_dhr_cal=0.01
+    )
 
 
 def experiment(truth: Array, seed: int) -> Measurement:
