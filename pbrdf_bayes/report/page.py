@@ -108,6 +108,8 @@ def _context(analysis: Analysis) -> dict[str, Any]:
         "parameters": tables.parameter_rows(summary, priors),
         "correlation": tables.correlation_rows(summary),
         "residual_text": texts.residual_text(summary),
+        "discrepancy_text": texts.discrepancy_text(summary),
+        "discrepancy": tables.discrepancy_rows(summary),
         "holdout": summary["holdout"],
         "holdout_rows": tables.holdout_rows(summary),
         "cases": tables.case_rows(summary),

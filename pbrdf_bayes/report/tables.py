@@ -30,6 +30,21 @@ DIAGONAL = ("1", "#eceef0")
 ORDER = {"FAIL": 0, "WARN": 1, "PASS": 2, "SKIP": 3}
 
 
+def discrepancy_rows(summary: Record) -> list[tuple[Markup, str, str, str]]:
+    """Symbol, standard deviation, that of independent readings and their ratio, by parameter."""
+    found = summary.get("discrepancy")
+    if not found:
+        return []
+    parameters, claimed = summary["parameters"], found["sd_if_independent"]
+    return [
+        (
+            symbol_markup(parameters[name]["symbol"]), number(sd, digits=2),
+            number(claimed[name], digits=2), number(sd / claimed[name], digits=2),
+        )
+        for name, sd in found["sd"].items()
+    ]  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Bar:
     """Where the posterior lies in the prior, per cent of the prior's 95 % interval."""

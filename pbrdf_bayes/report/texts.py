@@ -87,6 +87,19 @@ def values_note(summary: Record) -> str:
     )
 
 
+def discrepancy_text(summary: Record) -> str:
+    """Size of the correlated misfit beside the noise; nothing where there is none."""
+    found = summary.get("discrepancy")
+    if not found:
+        return ""
+    return (
+        f"What the model misses along a scan: {number(found['size_dex'])}{THIN}dex "
+        f"({number(found['size_percent'], digits=2)}{THIN}%) over lengths of "
+        f"{number(found['ell_deg'], digits=2)}°, beside white noise of "
+        f"{number(100.0 * found['white_noise'], digits=2)}{THIN}%. The intervals allow for it."
+    )
+
+
 def residual_text(summary: Record) -> str:
     """Overall residuals and their autocorrelation."""
     fit = summary["fit"]
