@@ -57,7 +57,7 @@ endef
 .PHONY: help demo test validate lint format clean
 
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' Makefile
 
 demo: ## fit the example paint; the path of its report is the last line
 	$(call environment,)
