@@ -7,6 +7,7 @@ import multiprocessing
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -97,21 +98,15 @@ def judge_ranks(results: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-class _pool:  # noqa: N801 - used like a function
+@contextmanager
+def _pool(processes: int) -> Iterator[Callable[[Callable[[int], Any], Iterable[int]], Any]]:
     """Map over processes, or in this one."""
-
-    def __init__(self, processes: int) -> None:
-        self._executor = None
-        if processes > 1:
-            context = multiprocessing.get_context("spawn")
-            self._executor = ProcessPoolExecutor(processes, mp_context=context)
-
-    def __enter__(self) -> Callable[[Callable[[int], Any], Iterable[int]], Iterator[Any]]:
-        return map if self._executor is None else self._executor.map
-
-    def __exit__(self, *_: object) -> None:
-        if self._executor is not None:
-            self._executor.shutdown(cancel_futures=True)
+    if processes == 1:
+        yield map
+        return
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(processes, mp_context=context) as executor:
+        yield executor.map
 
 
 def _watched(
