@@ -23,6 +23,7 @@ FITTING_SHARE = 0.4
 _COMPONENTS = 6
 _FIRST_WIDENING = 1.5
 _FEWEST_EFFECTIVE = 25.0
+OPTIMA_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +78,10 @@ def adapt_mixture(
     doi:10.1111/j.1467-9469.2011.00756.x) and refitted, until a good share of the draws is
     effective. While few are, the weights are tempered, so that no single point takes over.
 
+    With several components at the start, one for each optimum, all of them stay in every proposal
+    with a tenth of the draws: a fit that lost a mode would never meet it again, and its weights
+    would look good.
+
     Parameters
     ----------
     posterior : Posterior
@@ -106,7 +111,9 @@ def adapt_mixture(
             return start
         inside = np.isfinite(log_weights)
         weights = _tempered_weights(log_weights[inside], every.shape[1])
-        proposals.append(fit_mixture(every[inside], weights, n_components, rng))
+        fitted = fit_mixture(every[inside], weights, n_components, rng)
+        lone = len(start.weights) == 1
+        proposals.append(fitted if lone else fitted.joined(proposals[0], OPTIMA_SHARE))
     return proposals[-1]
 
 

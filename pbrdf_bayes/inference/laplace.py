@@ -36,15 +36,19 @@ def laplace_mixture(posterior: Posterior, optima: MapResult) -> Mixture:
 
 
 def _covariance(posterior: Posterior, z: Array, low: Array, high: Array) -> Array:
-    """Inverse of the negative Hessian, its eigenvalues limited so that it is always a covariance.
+    """Inverse of the negative Hessian, no wider than the prior in any direction.
 
-    The Hessian comes from central differences of the analytic gradient.
+    The Hessian comes from central differences of the analytic gradient. Where it says nothing, half
+    the width of the support limits the standard deviation: a proposal must fall inside it.
     """
     n = z.size
     inner = np.clip(z, low + 2.0 * _STEP, high - 2.0 * _STEP)
     points = np.concatenate([inner + _STEP * np.eye(n), inner - _STEP * np.eye(n)])
     _, slopes = posterior.gradient_coordinates(points)
     hessian = (slopes[:n] - slopes[n:]) / (2.0 * _STEP)
-    eigenvalues, vectors = np.linalg.eigh(-0.5 * (hessian + hessian.T))
-    limited = np.maximum(eigenvalues, 1.0 / _MAX_SD**2)
-    return np.asarray((vectors / limited) @ vectors.T)
+    widest = np.minimum(0.5 * (high - low), _MAX_SD)
+    scaled = -0.5 * (hessian + hessian.T) * np.outer(widest, widest)
+    eigenvalues, vectors = np.linalg.eigh(scaled)
+    return np.asarray((vectors / np.maximum(eigenvalues, 1.0)) @ vectors.T) * np.outer(
+        widest, widest
+    )

@@ -66,6 +66,15 @@ class Mixture:
         """The same centres with scales multiplied by ``factor``."""
         return Mixture(self.centres, factor * self.factors, self.weights)
 
+    def joined(self, other: Mixture, share: float) -> Mixture:
+        """This mixture with all components of another, which have equal parts of ``share``."""
+        n_other = len(other.weights)
+        return Mixture(
+            np.concatenate([self.centres, other.centres]),
+            np.concatenate([self.factors, other.factors]),
+            np.concatenate([(1.0 - share) * self.weights, np.full(n_other, share / n_other)]),
+        )
+
 
 def fit_mixture(z: Array, weights: Array, n_components: int, rng: np.random.Generator) -> Mixture:
     """Fit t components to weighted points by expectation-maximisation.
@@ -142,11 +151,16 @@ def _covariance(deviations: Array, weights: Array) -> Array:
 def _spread_out(
     z: Array, weights: Array, n_components: int, rng: np.random.Generator
 ) -> NDArray[np.int64]:
-    """Indices of centres: each drawn by weight times squared distance to those before it."""
+    """Indices of centres: each drawn by weight times squared distance to those before it.
+
+    Fewer than asked for where all the weight is on the centres already.
+    """
     chosen = [int(rng.choice(len(z), p=weights))]
     distance = np.full(len(z), np.inf)
     for _ in range(n_components - 1):
         distance = np.minimum(distance, np.sum((z - z[chosen[-1]]) ** 2, axis=1))
         p = weights * distance
+        if not p.sum() > 0.0:
+            break
         chosen.append(int(rng.choice(len(z), p=p / p.sum())))
     return np.array(chosen)

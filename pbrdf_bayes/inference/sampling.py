@@ -23,6 +23,7 @@ from pbrdf_bayes.inference.ensembles import (
 from pbrdf_bayes.inference.importance import (
     FITTING_SHARE,
     K_HAT_LIMIT,
+    OPTIMA_SHARE,
     ImportanceDraws,
     adapt_mixture,
     importance_sample,
@@ -153,7 +154,7 @@ def sample_posterior(
         ``converged`` is False when the budget of steps ran out first.
     """
     checkpoint = checkpoint or Checkpoint()
-    state = checkpoint.found
+    state, n_optima = checkpoint.found, len(mixture.weights)
     if state is None:
         mixture = adapt_mixture(posterior, mixture, seed=seed)
         quick = _try_importance(posterior, mixture, seed)
@@ -163,7 +164,7 @@ def sample_posterior(
         if state is None:
             state = _start_ensembles(posterior, mixture, quick, config, seed, method)
         if state.exploring:
-            state, quick = _explore(posterior, state, config, seed, checkpoint)
+            state, quick = _explore(posterior, state, config, seed, checkpoint, n_optima)
             if method == "psis" and quick.usable(config.ess_target, least_share):
                 return _from_importance(posterior, quick)
         return _run_ensembles(posterior, state, config, progress, checkpoint)
@@ -258,8 +259,9 @@ def _exploring_moves() -> Moves:
 
 
 def _explore(
-    posterior: Posterior, state: SamplerState, config: RunConfig, seed: int, checkpoint: Checkpoint
-) -> tuple[SamplerState, ImportanceDraws]:
+    posterior: Posterior, state: SamplerState, config: RunConfig, seed: int,
+    checkpoint: Checkpoint, n_optima: int,
+) -> tuple[SamplerState, ImportanceDraws]:  # fmt: skip
     """Let the ensembles find the shape of the posterior, and fit the proposal to their walk.
 
     The walk itself is thrown away; from its last places the ensembles go on with a proposal that
@@ -273,6 +275,8 @@ def _explore(
     z = state.z[:, _EXPLORED_STEPS // 2 :].reshape(-1, posterior.n_par)
     rng = np.random.default_rng([seed, 9])
     mixture = fit_mixture(z, np.full(len(z), 1.0 / len(z)), _EXPLORED_COMPONENTS, rng)
+    if n_optima > 1:  # a walk may have left a mode too soon
+        mixture = mixture.joined(state.mixture, OPTIMA_SHARE)
     mixture, quick = _better_proposal(posterior, mixture, seed)
     quick = replace(quick, rejected=together(state.rejected, quick.rejected))
     state = begin(
