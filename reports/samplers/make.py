@@ -43,11 +43,11 @@ Moves = list[tuple[Any, float]]
 HERE = Path(__file__).parent
 POSTERIORS = {
     "easy": "Five angles, s and p, with DHR: 10 scans of 321 points and 16 DHR readings",
-    "curved": "One angle (20°), s and p, without DHR: 2 scans of 321 points",
+    "curved": "One angle (60°), s and p, without DHR: 2 scans of 321 points",
 }
 OURS, OURS_DRAFT = "ours (standard)", "ours (draft: importance sampling)"
 STRETCH = "emcee, stretch move (its default)"
-N_ENSEMBLES, N_WALKERS, ROUNDS = 4, 32, 3
+N_ENSEMBLES, N_WALKERS, ROUNDS = 4, 32, 2
 GOALS = {"correlated": 10.0, "iid": 3.0}
 """Seconds to an effective sample size of 2000, by likelihood."""
 
@@ -56,10 +56,10 @@ GOALS = {"correlated": 10.0, "iid": 3.0}
 class Effort:
     """Seconds of an emcee run and of a round of it; sizes of the nested samplers."""
 
-    seconds: float = 12.0
-    dynesty_live: int = 150
-    nautilus_live: int = 600
-    nautilus_effective: int = 2000
+    seconds: float = 8.0
+    dynesty_live: int = 100
+    nautilus_live: int = 500
+    nautilus_effective: int = 1000
 
 
 class Asked(pb.RunConfig):
@@ -90,7 +90,7 @@ def build(name: str, noise: str = "correlated", *, points: int = 321) -> Posteri
     """One of `POSTERIORS`, from simulated readings of the published paint."""
     choices: dict[str, Any] = {"theta_r_deg": np.linspace(-80.0, 80.0, points)}
     if name == "curved":
-        choices |= {"theta_i_deg": (20.0,), "dhr_theta_i_deg": ()}
+        choices |= {"theta_i_deg": (60.0,), "dhr_theta_i_deg": ()}
     measurement = simulate_measurement(pb.GREEN_PAINT, seed=1, **choices)
     return pb.build_posterior(measurement, pb.RunConfig(noise=noise, threads=1))
 
