@@ -51,6 +51,8 @@ Array = NDArray[np.float64]
 
 
 RIVAL_SD = 3.0
+_VALLEY_SD = 1.5
+_VALLEY_SHARE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,22 +257,55 @@ def _chain_length(draws: Draws) -> Diagnostic:
 
 def _modes(optima: MapResult, draws: Draws, n_physical: int) -> Diagnostic:
     """Rivals differ in the physical parameters; how noises share their roles does not count."""
-    sd = draws.flat.std(axis=0)[:n_physical]
-    rivals = [
-        other.log_posterior for other in optima.optima[1:]
-        if optima.best.log_posterior - other.log_posterior < RIVAL_NATS
-        and np.any(np.abs(other.x - optima.best.x)[:n_physical] > RIVAL_SD * sd)
-    ]  # fmt: skip
-    gap = optima.best.log_posterior - rivals[0] if rivals else np.nan
+    x = draws.flat[:, :n_physical]
+    places = np.array([optimum.x[:n_physical] for optimum in optima.optima])
+    gaps = np.array([optima.best.log_posterior - o.log_posterior for o in optima.optima])
+    apart = np.array([_apart(x, places[0], place) for place in places])
+    rival = apart & (gaps < RIVAL_NATS)
+    n_rivals = int(rival.sum())
     statement = f"{optima.best.n_starts} of {optima.n_starts} starts end at the best optimum; " + (
-        f"{len(rivals)} other within {RIVAL_NATS:g} nats." if rivals else "no rival is near."
+        f"{n_rivals} other within {RIVAL_NATS:g} nats. {_share_of_rivals(draws, places, rival)}"
+        if n_rivals
+        else "no rival is near."
     )
     return Diagnostic(
-        "modes", "Separate optima", float(gap), RIVAL_NATS, "nat", WARN if rivals else PASS,
-        statement,
+        "modes", "Separate optima", float(gaps[rival][0]) if n_rivals else np.nan, RIVAL_NATS,
+        "nat", WARN if n_rivals else PASS, statement,
         "Several parameter sets explain the data: the weights between them are only as good as "
-        "the sampler's jumps. Add a polarisation, an angle or a DHR reading." if rivals else "",
+        "the sampler's jumps. Add a polarisation, an angle or a DHR reading." if n_rivals else "",
     )  # fmt: skip
+
+
+def _apart(x: Array, best: Array, other: Array) -> bool:
+    """Two optima farther apart than the draws are wide, or with a valley of draws between them.
+
+    Where the draws hold both modes their standard deviation holds the distance between them.
+    """
+    step, sd = other - best, x.std(axis=0)
+    if np.any(np.abs(step) > RIVAL_SD * sd):
+        return True
+    if not np.any(np.abs(step) > _VALLEY_SD * sd):
+        return False
+    scaled = step / sd**2
+    along = (x - best) @ scaled / (step @ scaled)
+    return bool(np.mean((along > 1.0 / 3.0) & (along < 2.0 / 3.0)) < _VALLEY_SHARE)
+
+
+def _share_of_rivals(draws: Draws, places: Array, rival: NDArray[np.bool_]) -> str:
+    """How many draws are nearest to a rival, and how far the ensembles agree on that."""
+    x = draws.x[..., : places.shape[1]]
+    sd = draws.flat[:, : places.shape[1]].std(axis=0)
+    sd = np.where(sd > 0.0, sd, 1.0)
+    distances = [np.sum(((x - place) / sd) ** 2, axis=-1) for place in places]
+    near = rival[np.argmin(distances, axis=0)]
+    share = float(near.mean())
+    if share == 0.0:
+        return "No draw is near it: the weight between them is not known."
+    each = [near[draws.ensemble == e].mean() for e in np.unique(draws.ensemble)]
+    # ensembles made by importance sampling share their weights: they agree too well
+    scatter = np.std(each, ddof=1) / np.sqrt(len(each))
+    error = max(float(scatter), float(np.sqrt(share * (1.0 - share) / draws.ess_bulk.min())))
+    return f"Near it are ({100.0 * share:.1f} ± {100.0 * error:.1f}) % of the draws."
 
 
 def _identified(found: Identifiability) -> Diagnostic:

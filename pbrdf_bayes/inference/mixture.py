@@ -67,7 +67,7 @@ class Mixture:
         return Mixture(self.centres, factor * self.factors, self.weights)
 
     def joined(self, other: Mixture, share: float) -> Mixture:
-        """This mixture with all components of another, which have equal parts of ``share``."""
+        """Itself with all components of another, which have equal parts of ``share``."""
         n_other = len(other.weights)
         return Mixture(
             np.concatenate([self.centres, other.centres]),

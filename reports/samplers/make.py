@@ -164,8 +164,10 @@ class Walk:
 
 def _longest_time(chains: Sequence[Array]) -> float:
     """Largest integrated autocorrelation time of the parameters, mean of the ensembles [steps]."""
-    times = [emcee.autocorr.integrated_time(chain, tol=0, quiet=True) for chain in chains]
-    return max(float(np.mean(times, axis=0).max()), 1.0)
+    with np.errstate(divide="ignore", invalid="ignore"):  # a walker that never moved
+        times = [emcee.autocorr.integrated_time(chain, tol=0, quiet=True) for chain in chains]
+    tau = np.mean(times, axis=0)
+    return max(float(tau.max()), 1.0) if np.isfinite(tau).all() else float(len(chains[0]))
 
 
 RIVAL_MOVES: Mapping[str, Callable[[], Moves]] = {

@@ -168,6 +168,33 @@ def test_a_rival_far_below_is_no_rival() -> None:
     assert math.isnan(found.value)
 
 
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_weights_of_separate_modes_are_stated(share: float) -> None:
+    """Modes at 0 and 1, ten of their widths apart; each of eight chains has the same share.
+
+    At equal weights the standard deviation of all draws is half the distance: that is no reason to
+    call the modes one.
+    """
+    rng = np.random.default_rng(1)
+    centre = (np.arange(200) < 200 * share).astype(float)[None, :, None]
+    both = replace(good_draws(), x=centre + 0.1 * rng.standard_normal((8, 200, 4)))
+    found = verdicts(draws=both, optima=optima(3.0))["modes"]
+    error = 100.0 * math.sqrt(share * (1.0 - share) / 5000.0)
+    assert found.verdict == "WARN"
+    assert f"({100.0 * share:.1f} ± {error:.1f}) % of the draws" in found.statement
+
+
+def test_a_mode_without_draws_is_said_to_have_no_known_weight() -> None:
+    assert "is not known" in verdicts(optima=optima(3.0))["modes"].statement
+
+
+def test_two_optima_on_one_flat_ridge_are_no_rivals() -> None:
+    """Draws uniform between and beyond them."""
+    rng = np.random.default_rng(1)
+    ridge = replace(good_draws(), x=rng.uniform(-0.2, 1.2, (8, 200, 1)) * np.ones(4))
+    assert verdicts(draws=ridge, optima=optima(0.5))["modes"].verdict == "PASS"
+
+
 def test_importance_draws_have_their_own_check() -> None:
     found = verdicts(draws=replace(good_draws(), method="psis", autocorrelation_time=math.nan))
     assert "chain_length" not in found

@@ -6,6 +6,7 @@ n > 1; a prior of k cuts it into a metal-like (n < k) and a dielectric-like (n >
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -120,6 +121,17 @@ def test_emcee_moves_between_the_modes(ring: Posterior, laplace: Mixture, truth:
     assert abs(shares.mean() - truth) < 5.4 * error, (shares, truth)
     low = draws.x[:, :, 0] < EDGE
     assert np.mean(np.any(low[:, 1:] != low[:, :-1], axis=1)) > 0.5  # most walkers changed mode
+
+
+def test_a_fit_states_the_weights_of_both_modes(ring: Posterior, truth: float) -> None:
+    """In the words of its diagnostic; 6 errors, as the word is rounded."""
+    summary = pb.fit(ring.measurement, replace(ring.config, max_steps=100), seed=1).summary
+    found = summary["diagnostics"]["modes"]
+    assert found["verdict"] == "WARN"
+    said = re.search(r"\(([\d.]+) ± ([\d.]+)\) % of the draws", found["statement"])
+    assert said is not None, found["statement"]
+    share, error = float(said[1]) / 100.0, float(said[2]) / 100.0
+    assert min(abs(share - truth), abs(1.0 - share - truth)) < 6.0 * error
 
 
 def test_every_optimum_stays_in_the_proposal(ring: Posterior, laplace: Mixture) -> None:
