@@ -57,7 +57,7 @@ class Effort:
     """Seconds of an emcee run and of a round of it; sizes of the nested samplers."""
 
     seconds: float = 8.0
-    dynesty_live: int = 100
+    dynesty_live: int = 70
     nautilus_live: int = 500
     nautilus_effective: int = 1000
 
