@@ -49,6 +49,5 @@ def _covariance(posterior: Posterior, z: Array, low: Array, high: Array) -> Arra
     widest = np.minimum(0.5 * (high - low), _MAX_SD)
     scaled = -0.5 * (hessian + hessian.T) * np.outer(widest, widest)
     eigenvalues, vectors = np.linalg.eigh(scaled)
-    return np.asarray((vectors / np.maximum(eigenvalues, 1.0)) @ vectors.T) * np.outer(
-        widest, widest
-    )
+    axes = widest[:, None] * vectors
+    return np.asarray((axes / np.maximum(eigenvalues, 1.0)) @ axes.T)
