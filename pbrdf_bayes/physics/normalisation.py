@@ -48,7 +48,7 @@ Array = NDArray[np.float64]
 
 MAX_ORDER = 96
 """Largest Gauss rule and Chebyshev degree tabulated."""
-_ORDER_STEP = 4
+ORDER_STEP = 4
 MAX_NODES = 2048
 LANES = 4
 """Nodes come in multiples of this, so that no loop over them has a remainder done one by one."""
@@ -73,11 +73,11 @@ def _gauss_tables() -> tuple[Array, Array]:
 def _expansion_tables() -> tuple[Array, Array, NDArray[np.int64]]:
     """Chebyshev points on [0, 1] and matrices from samples there to C(u)/u in coefficients.
 
-    One block for each order that is a multiple of ``_ORDER_STEP``. C is the antiderivative that is
+    One block for each order that is a multiple of ``ORDER_STEP``. C is the antiderivative that is
     zero at u = 0; divided by u it keeps its relative accuracy there, which grazing angles need.
     """
     points, matrices, starts = [], [], [0]
-    for m in range(_ORDER_STEP, MAX_ORDER + 1, _ORDER_STEP):
+    for m in range(ORDER_STEP, MAX_ORDER + 1, ORDER_STEP):
         angle = pi * (np.arange(m) + 0.5) / m
         points.append(0.5 * (1.0 + np.cos(angle)))
         degree = np.arange(m)[:, None]
@@ -90,8 +90,8 @@ def _expansion_tables() -> tuple[Array, Array, NDArray[np.int64]]:
     return np.concatenate(points), np.concatenate(matrices), np.array(starts)
 
 
-_NODES, _WEIGHTS = _gauss_tables()
-_POINTS, _MATRICES, _MATRIX_START = _expansion_tables()
+NODES, WEIGHTS = _gauss_tables()
+POINTS, MATRICES, MATRIX_START = _expansion_tables()
 
 
 VALUES, SLOPES = 2, 8
@@ -158,8 +158,8 @@ def expansion_order(length: float, digits: float) -> int:
     re = sqrt(0.5 * (modulus - y * y)) + 1.0
     im = sqrt(0.5 * (modulus + y * y)) + y
     order = ceil((digits + 2.0) / (0.5 * log10(re * re + im * im))) + 1
-    order = _ORDER_STEP * ((order + _ORDER_STEP - 1) // _ORDER_STEP)
-    return min(max(order, 2 * _ORDER_STEP), MAX_ORDER)
+    order = ORDER_STEP * ((order + ORDER_STEP - 1) // ORDER_STEP)
+    return min(max(order, 2 * ORDER_STEP), MAX_ORDER)
 
 
 @compiled()
@@ -239,7 +239,7 @@ def _scale_row(row: Array, factor: Array, n: int) -> None:
 def _place_cumulative_nodes(length: float, first: int, m: int, rho0: float, ws: Workspace) -> None:
     """Geometry and weights of the nodes beta = sin s, s = rho0 sinh u, u from 0 to ``length``."""
     x_row, c_row, offset_row = ws.nodes[0][:m], ws.nodes[1][:m], ws.nodes[2][:m]
-    h_row, weight_row, point = ws.nodes[3][:m], ws.nodes[4][:m], _POINTS[first : first + m]
+    h_row, weight_row, point = ws.nodes[3][:m], ws.nodes[4][:m], POINTS[first : first + m]
     half_rho0 = 0.5 * rho0
     for i in range(x_row.size):
         e = exp(length * point[i])
@@ -259,7 +259,7 @@ def _place_cumulative_nodes(length: float, first: int, m: int, rho0: float, ws: 
 @compiled()
 def expand_cumulative(surf: Surface, m: int, n_series: int, ws: Workspace) -> None:
     """Chebyshev coefficients of C/u in u/length on [0, 1], for every series of B."""
-    first = _ORDER_STEP * (m // _ORDER_STEP - 1) * (m // _ORDER_STEP) // 2
+    first = ORDER_STEP * (m // ORDER_STEP - 1) * (m // ORDER_STEP) // 2
     _place_cumulative_nodes(asinh(0.5 * pi / surf.rho0), first, m, surf.rho0, ws)
     _fill_series(m, n_series, surf, ws)
     _antiderivatives(m, n_series, ws)
@@ -268,11 +268,11 @@ def expand_cumulative(surf: Surface, m: int, n_series: int, ws: Workspace) -> No
 @compiled(reassociate=True)
 def _antiderivatives(m: int, n_series: int, ws: Workspace) -> None:
     """Coefficients of C/u from the samples of every series."""
-    start = _MATRIX_START[m // _ORDER_STEP - 1]
+    start = MATRIX_START[m // ORDER_STEP - 1]
     for q in range(n_series):
         samples = ws.lobes[q]
         for j in range(m):
-            row = _MATRICES[start + j * m : start + (j + 1) * m]
+            row = MATRICES[start + j * m : start + (j + 1) * m]
             total = 0.0
             for i in range(m):
                 total += row[i] * samples[i]
@@ -290,8 +290,8 @@ def _lay_panels(
         first = p * (p - 1) // 2
         for j in range(n_panels):
             for i in range(p):
-                v_row[at + i] = v0 + step * (j + _NODES[first + i])
-                weight_row[at + i] = step * _WEIGHTS[first + i]
+                v_row[at + i] = v0 + step * (j + NODES[first + i])
+                weight_row[at + i] = step * WEIGHTS[first + i]
             at += p
     return at
 
