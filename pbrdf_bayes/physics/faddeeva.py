@@ -38,7 +38,7 @@ _FAR = 1e8
 _NO_MATTER = 40.0
 
 
-@compiled()
+@compiled(reassociate=True)
 def _log_sum(x: float, y: float, rule: int) -> float:
     """Ln of the rule's sum for Re w / y."""
     x2, y2 = x * x, y * y

@@ -90,7 +90,7 @@ def _expansion_tables() -> tuple[Array, Array, NDArray[np.int64]]:
     return np.concatenate(points), np.concatenate(matrices), np.array(starts)
 
 
-NODES, WEIGHTS = _gauss_tables()
+_NODES, _WEIGHTS = _gauss_tables()
 POINTS, MATRICES, MATRIX_START = _expansion_tables()
 
 
@@ -280,7 +280,7 @@ def _antiderivatives(m: int, n_series: int, ws: Workspace) -> None:
 
 
 @compiled(inline=True)
-def _lay_panels(
+def lay_panels(
     v0: float, v1: float, digits: float, pole: float, at: int, v_row: Array, weight_row: Array
 ) -> int:
     """Gauss nodes of [v0, v1] and their weights from index ``at`` on; returns where they end."""
@@ -290,8 +290,8 @@ def _lay_panels(
         first = p * (p - 1) // 2
         for j in range(n_panels):
             for i in range(p):
-                v_row[at + i] = v0 + step * (j + NODES[first + i])
-                weight_row[at + i] = step * WEIGHTS[first + i]
+                v_row[at + i] = v0 + step * (j + _NODES[first + i])
+                weight_row[at + i] = step * _WEIGHTS[first + i]
             at += p
     return at
 
@@ -315,14 +315,14 @@ def place_nodes(inc: Incidence, surf: Surface, digits: float, ws: Workspace) -> 
     far = asinh((inc.theta + 0.25 * pi) / width)
     x_row, c_row, offset_row = ws.nodes[0], ws.nodes[1], ws.nodes[2]
     h_row, weight_row, u_row = ws.nodes[3], ws.nodes[4], ws.nodes[5]
-    peak = _lay_panels(-far, -near, digits, pole, 0, u_row, weight_row)
-    peak = _lay_panels(-near, 0.0, digits, pole, peak, u_row, weight_row)
+    peak = lay_panels(-far, -near, digits, pole, 0, u_row, weight_row)
+    peak = lay_panels(-near, 0.0, digits, pole, peak, u_row, weight_row)
     middle = asinh(0.5 * inc.grazing / width)
-    peak = _lay_panels(0.0, middle, digits, pole, peak, u_row, weight_row)
+    peak = lay_panels(0.0, middle, digits, pole, peak, u_row, weight_row)
     quarter = asinh(0.25 * pi / rho0)
-    backward = _lay_panels(0.0, quarter, digits, pole, peak, u_row, weight_row)
+    backward = lay_panels(0.0, quarter, digits, pole, peak, u_row, weight_row)
     middle = asinh(0.5 * inc.grazing / rho0)
-    n = _lay_panels(-middle, 0.0, digits, pole, backward, u_row, weight_row)
+    n = lay_panels(-middle, 0.0, digits, pole, backward, u_row, weight_row)
     while n % LANES:
         u_row[n] = weight_row[n] = 0.0
         n += 1
@@ -356,7 +356,7 @@ def place_nodes(inc: Incidence, surf: Surface, digits: float, ws: Workspace) -> 
 
 
 @compiled(inline=True)
-def _sum_expansion(coefficients: Array, m: int, y: Array, b1: Array, b2: Array) -> None:
+def sum_expansion(coefficients: Array, m: int, y: Array, b1: Array, b2: Array) -> None:
     """A Chebyshev series at all nodes by Clenshaw's recurrence, into ``b1``; m is even.
 
     Four degrees a pass over the nodes; ``y`` is twice the argument.
@@ -383,7 +383,7 @@ def _sum_expansions(n: int, m: int, n_series: int, ws: Workspace) -> None:
     for i in range(y.size):
         y[i] = 4.0 * u[i] - 2.0
     for q in range(n_series):
-        _sum_expansion(ws.coefficients[q], m, y, ws.sums[q][:n], b2)
+        sum_expansion(ws.coefficients[q], m, y, ws.sums[q][:n], b2)
 
 
 @compiled(reassociate=True)

@@ -31,10 +31,22 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.elementary import exp, log
 from pbrdf_bayes.physics.fresnel import TINIEST, Surface, reflectances, transmittances
-from pbrdf_bayes.physics.line_shapes import LineShape, line_shape, log_line_shape
+from pbrdf_bayes.physics.line_shapes import (
+    CAUCHY,
+    GAUSSIAN,
+    LORENTZIAN,
+    LineShape,
+    line_shape,
+    log_line_shape,
+)
+
+Array = NDArray[np.float64]
 
 MEAN_SINE, GEOMETRIC_MEAN, MEAN_ANGLE = range(3)
 FRESNEL_AT = {
@@ -45,6 +57,8 @@ FRESNEL_AT = {
 """Codes by name."""
 NARROWING_RANGE = (0.0, 2.0)
 """Exponent of Eq. (5), where it is 1; 0 is a width that no angle changes."""
+LOWEST = -600.0
+"""Ln of the shape that counts as zero in a norm; smaller ones would end in denormal numbers."""
 
 
 class Lobe(NamedTuple):
@@ -61,37 +75,39 @@ def lobe(code: int, parameter: float, narrowing: float, fresnel_at: int) -> Lobe
     return Lobe(line_shape(code, parameter), float(narrowing), fresnel_at)
 
 
-@compiled()
+@compiled(inline=True)
 def squared_widths(
     x: float, c: float, h: float, surf: Surface, narrowing: float
 ) -> tuple[float, float]:
     """w_s^2 and w_p^2."""
-    if narrowing == 0.0:
-        plain = h * surf.rho0 * surf.rho0
-        return plain, plain
     t_s, t_p = transmittances(x, c, surf)
     if narrowing == 1.0:
         scale = 0.25 * surf.width
-        return h * (scale * t_s) * (scale * t_s), h * (scale * t_p) * (scale * t_p)
-    scale = h * surf.rho0 * surf.rho0
-    inverse = 1.0 / surf.transmittance0
-    return (
-        scale * exp(2.0 * narrowing * log(max(t_s * inverse, TINIEST))),
-        scale * exp(2.0 * narrowing * log(max(t_p * inverse, TINIEST))),
-    )
+        w_s, w_p = scale * t_s, scale * t_p
+    else:
+        inverse = 1.0 / surf.transmittance0
+        w_s = surf.rho0 * exp(narrowing * log(max(t_s * inverse, TINIEST)))
+        w_p = surf.rho0 * exp(narrowing * log(max(t_p * inverse, TINIEST)))
+    return h * w_s * w_s, h * w_p * w_p
 
 
-@compiled()
-def lobe_reflectances(
-    x: float, c: float, offset: float, h: float, surf: Surface, fresnel_at: int
-) -> tuple[float, float]:
-    """The factors F_s and F_p in front of the lobe."""
-    if fresnel_at == MEAN_SINE:
-        return reflectances(x, c, surf)
+@compiled(inline=True)
+def mean_angle_reflectances(x: float, h: float, surf: Surface) -> tuple[float, float]:
+    """F_s and F_p at the mean of the two angles."""
     root = sqrt(h)
-    if fresnel_at == MEAN_ANGLE:
-        scale = 1.0 / sqrt(x * x + h)
-        return reflectances(x * scale, root * scale, surf)
+    scale = 1.0 / sqrt(x * x + h)
+    return reflectances(x * scale, root * scale, surf)
+
+
+@compiled(inline=True)
+def geometric_mean_reflectances(
+    x: float, offset: float, h: float, surf: Surface
+) -> tuple[float, float]:
+    """Geometric means of F_s and of F_p at the two angles.
+
+    A factor F_p(alpha_i) = 0 is one of a lobe and of its norm alike: it becomes the least number.
+    """
+    root = sqrt(h)
     tilt = 0.5 * offset * x / root
     f_s, f_p = reflectances(x + 0.5 * offset, max(root - tilt, 0.0), surf)
     i_s, i_p = reflectances(x - 0.5 * offset, max(root + tilt, 0.0), surf)
@@ -102,11 +118,77 @@ def lobe_reflectances(
 def shaped_log_lobes(
     x: float, c: float, offset: float, h: float, surf: Surface, shaped: Lobe
 ) -> tuple[float, float]:
-    """ln A_s and ln A_p; arguments as for `fresnel.lobe_fractions`, which serve B as well."""
+    """Ln A_s and ln A_p; arguments as for `fresnel.lobe_fractions`, which serve B as well."""
+    if shaped.fresnel_at == MEAN_SINE:
+        f_s, f_p = reflectances(x, c, surf)
+    elif shaped.fresnel_at == GEOMETRIC_MEAN:
+        f_s, f_p = geometric_mean_reflectances(x, offset, h, surf)
+    else:
+        f_s, f_p = mean_angle_reflectances(x, h, surf)
     w2_s, w2_p = squared_widths(x, c, h, surf, shaped.narrowing)
-    f_s, f_p = lobe_reflectances(x, c, offset, h, surf, shaped.fresnel_at)
     offset2 = offset * offset
     return (
         log(f_s) - log(w2_s) + log_line_shape(offset2 / w2_s, shaped.shape),
         log(max(f_p, TINIEST)) - log(w2_p) + log_line_shape(offset2 / w2_p, shaped.shape),
     )
+
+
+# Loops over nodes: one for each choice, so that the compiler vectorises it.
+
+
+@compiled()
+def fill_squared_widths(
+    nodes: Array, n: int, surf: Surface, narrowing: float, w2_s: Array, w2_p: Array
+) -> None:
+    """w_s^2 and w_p^2 at the first ``n`` nodes, whose x, c, offset, h are rows of ``nodes``."""
+    x, c, h = nodes[0][:n], nodes[1][:n], nodes[3][:n]
+    if narrowing == 0.0:
+        for i in range(x.size):
+            w2_s[i] = w2_p[i] = h[i] * surf.rho0 * surf.rho0
+    elif narrowing == 1.0:
+        for i in range(x.size):
+            w2_s[i], w2_p[i] = squared_widths(x[i], c[i], h[i], surf, 1.0)
+    else:
+        for i in range(x.size):
+            w2_s[i], w2_p[i] = squared_widths(x[i], c[i], h[i], surf, narrowing)
+
+
+@compiled()
+def fill_reflectances(
+    nodes: Array, n: int, surf: Surface, fresnel_at: int, f_s: Array, f_p: Array
+) -> None:
+    """The factors F_s and F_p in front of the lobes."""
+    x, c, offset, h = nodes[0][:n], nodes[1][:n], nodes[2][:n], nodes[3][:n]
+    if fresnel_at == MEAN_SINE:
+        for i in range(x.size):
+            f_s[i], f_p[i] = reflectances(x[i], c[i], surf)
+    elif fresnel_at == GEOMETRIC_MEAN:
+        for i in range(x.size):
+            f_s[i], f_p[i] = geometric_mean_reflectances(x[i], offset[i], h[i], surf)
+    else:
+        for i in range(x.size):
+            f_s[i], f_p[i] = mean_angle_reflectances(x[i], h[i], surf)
+
+
+@compiled()
+def fill_shape(nodes: Array, n: int, w2_row: Array, shape: LineShape, lobe_row: Array) -> None:
+    """Lobes times the weights, row 4 of ``nodes``; ``lobe_row`` comes with the factors F."""
+    offset, weight = nodes[2][:n], nodes[4][:n]
+    w2, out = w2_row[:n], lobe_row[:n]
+    if shape.code == LORENTZIAN:
+        for i in range(offset.size):
+            out[i] *= weight[i] / (offset[i] * offset[i] + w2[i])
+        return
+    for i in range(offset.size):
+        inverse = 1.0 / w2[i]
+        out[i] *= weight[i] * inverse
+        w2[i] = offset[i] * offset[i] * inverse
+    if shape.code == GAUSSIAN:
+        for i in range(offset.size):
+            out[i] *= exp(max(-shape.curvature * w2[i], LOWEST))
+    elif shape.code == CAUCHY:
+        for i in range(offset.size):
+            out[i] *= exp(max(-shape.exponent * log(1.0 + shape.curvature * w2[i]), LOWEST))
+    else:
+        for i in range(offset.size):
+            out[i] *= exp(max(log_line_shape(w2[i], shape), LOWEST))

@@ -38,32 +38,38 @@ from pbrdf_bayes.physics.normalisation import (
     MATRICES,
     MATRIX_START,
     MAX_ORDER,
-    NODES,
     ORDER_STEP,
     POINTS,
-    WEIGHTS,
     Incidence,
-    panel_split,
+    lay_panels,
+    sum_expansion,
 )
-from pbrdf_bayes.physics.shaped_lobes import GEOMETRIC_MEAN, Lobe, shaped_log_lobes
+from pbrdf_bayes.physics.shaped_lobes import (
+    GEOMETRIC_MEAN,
+    Lobe,
+    fill_reflectances,
+    fill_shape,
+    fill_squared_widths,
+)
 
 Array = NDArray[np.float64]
 
 MAX_SHAPED_NODES = 8192
 MAX_PIECES = 64
 PIECE_LENGTH = 2.2
-LOWEST = -700.0
 
 
 class ShapedWorkspace(NamedTuple):
     """Scratch arrays of one evaluation, allocated once for many."""
 
     nodes: Array
-    """(7, MAX_SHAPED_NODES): x, c, offset, h of each node, its weight, pi/2 - |t|, v."""
+    """(7, MAX_SHAPED_NODES): x, c, offset, h of each node, its weight, pi/2 - |t|, scratch."""
     lobes: Array
-    """(2, MAX_SHAPED_NODES): lobes of s and p at the nodes."""
+    """(4, MAX_SHAPED_NODES): lobes of s and p at the nodes; scratch for their widths."""
+    sums: Array
+    """(4, MAX_SHAPED_NODES): C of s and p at the nodes; scratch of the recurrence."""
     pieces: Array
-    """(6, MAX_PIECES): where a piece of C ends, its centre, width, v0, length, and a spare row."""
+    """(5, MAX_PIECES): where a piece of C ends, its centre, width, v0 and length."""
     coefficients: Array
     """(2, MAX_PIECES, MAX_ORDER + 1): C at the beginning of a piece, then its series."""
     centres: Array
@@ -75,8 +81,9 @@ def shaped_workspace() -> ShapedWorkspace:
     """Allocate the scratch arrays."""
     return ShapedWorkspace(
         np.empty((7, MAX_SHAPED_NODES)),
-        np.empty((2, MAX_SHAPED_NODES)),
-        np.empty((6, MAX_PIECES)),
+        np.empty((4, MAX_SHAPED_NODES)),
+        np.empty((4, MAX_SHAPED_NODES)),
+        np.empty((5, MAX_PIECES)),
         np.empty((2, MAX_PIECES, MAX_ORDER + 1)),
         np.empty((3, 16)),
     )
@@ -229,30 +236,30 @@ def _place_transverse_nodes(piece: int, first: int, m: int, ws: ShapedWorkspace)
     """Geometry and weights of the nodes beta = sin s of one piece."""
     centre, width = ws.pieces[1, piece], ws.pieces[2, piece]
     v0, length = ws.pieces[3, piece], ws.pieces[4, piece]
-    for i in range(m):
-        e = exp(v0 + length * POINTS[first + i])
+    x_row, c_row, offset_row = ws.nodes[0][:m], ws.nodes[1][:m], ws.nodes[2][:m]
+    h_row, weight_row, point = ws.nodes[3][:m], ws.nodes[4][:m], POINTS[first : first + m]
+    for i in range(x_row.size):
+        e = exp(v0 + length * point[i])
         inverse = 1.0 / e
         s = min(centre + 0.5 * width * (e - inverse), 0.5 * pi)
         sine_half, cosine_half = half_sincos(s)
         beta = 2.0 * sine_half * cosine_half
         cos_s = max((cosine_half - sine_half) * (cosine_half + sine_half), 0.0)
         x = 0.5 * beta
-        ws.nodes[0, i] = x
-        ws.nodes[1, i] = sqrt((1.0 - x) * (1.0 + x))
-        ws.nodes[2, i] = beta
-        ws.nodes[3, i] = cosine_half * cosine_half * cosine_half * cosine_half
-        ws.nodes[4, i] = length * width * (e + inverse) * cos_s
+        x_row[i] = x
+        c_row[i] = sqrt((1.0 - x) * (1.0 + x))
+        offset_row[i] = beta
+        h_row[i] = cosine_half * cosine_half * cosine_half * cosine_half
+        weight_row[i] = length * width * (e + inverse) * cos_s
 
 
 @compiled()
 def _fill_lobes(n: int, surf: Surface, shaped: Lobe, ws: ShapedWorkspace) -> None:
     """Lobes of s and p at the nodes times the weights."""
-    for i in range(n):
-        log_s, log_p = shaped_log_lobes(
-            ws.nodes[0, i], ws.nodes[1, i], ws.nodes[2, i], ws.nodes[3, i], surf, shaped
-        )
-        ws.lobes[0, i] = ws.nodes[4, i] * exp(max(log_s, LOWEST))
-        ws.lobes[1, i] = ws.nodes[4, i] * exp(max(log_p, LOWEST))
+    fill_squared_widths(ws.nodes, n, surf, shaped.narrowing, ws.lobes[2], ws.lobes[3])
+    fill_reflectances(ws.nodes, n, surf, shaped.fresnel_at, ws.lobes[0], ws.lobes[1])
+    for q in range(2):
+        fill_shape(ws.nodes, n, ws.lobes[2 + q], shaped.shape, ws.lobes[q])
 
 
 @compiled(reassociate=True)
@@ -268,23 +275,41 @@ def _antiderivative(m: int, samples: Array, out: Array) -> None:
 
 
 @compiled()
-def cumulative_at(s: float, found: Cumulative) -> tuple[float, float]:
-    """C_s and C_p at b = sin s, s in [0, pi/2]."""
-    i = 0
-    while i < found.n_pieces - 1 and s > found.pieces[0, i]:
-        i += 1
-    v = asinh((s - found.pieces[1, i]) / found.pieces[2, i])
-    place = (v - found.pieces[3, i]) / found.pieces[4, i]
-    y = 4.0 * place - 2.0
-    a_s = b_s = a_p = b_p = 0.0
-    series_s, series_p = found.coefficients[0, i], found.coefficients[1, i]
-    for j in range(found.order, 1, -1):
-        a_s, b_s = series_s[j] + y * a_s - b_s, a_s
-        a_p, b_p = series_p[j] + y * a_p - b_p, a_p
-    return (
-        series_s[0] + place * (series_s[1] + 0.5 * y * a_s - b_s),
-        series_p[0] + place * (series_p[1] + 0.5 * y * a_p - b_p),
-    )
+def _sum_cumulative(n: int, found: Cumulative, ws: ShapedWorkspace) -> None:
+    """C of s and p at the nodes: runs of nodes within one piece at a time."""
+    s = ws.nodes[5]
+    first, piece = 0, 0
+    while first < n:
+        while piece < found.n_pieces - 1 and s[first] > found.pieces[0, piece]:
+            piece += 1
+        while piece > 0 and s[first] <= found.pieces[0, piece - 1]:
+            piece -= 1
+        low = found.pieces[0, piece - 1] if piece > 0 else -1.0
+        high = found.pieces[0, piece] if piece < found.n_pieces - 1 else pi
+        last = first + 1
+        while last < n and low < s[last] <= high:
+            last += 1
+        _sum_piece(first, last, piece, found, ws)
+        first = last
+
+
+@compiled()
+def _sum_piece(a: int, b: int, piece: int, found: Cumulative, ws: ShapedWorkspace) -> None:
+    """C of s and p at the nodes a..b, all of them within one piece."""
+    centre, inverse = found.pieces[1, piece], 1.0 / found.pieces[2, piece]
+    v0, per_length = found.pieces[3, piece], 1.0 / found.pieces[4, piece]
+    s, place = ws.nodes[5][a:b], ws.nodes[6][a:b]
+    y, scratch = ws.sums[2][a:b], ws.sums[3][a:b]
+    for i in range(s.size):
+        distance = (s[i] - centre) * inverse
+        v = log(abs(distance) + sqrt(distance * distance + 1.0))
+        place[i] = ((v if distance >= 0.0 else -v) - v0) * per_length
+        y[i] = 4.0 * place[i] - 2.0
+    for q in range(2):
+        series, out = found.coefficients[q, piece], ws.sums[q][a:b]
+        sum_expansion(series[1:], found.order, y, out, scratch)
+        for i in range(s.size):
+            out[i] = series[0] + place[i] * out[i]
 
 
 # ------------------------------------------------------------------------------------- norms
@@ -340,23 +365,20 @@ def _lay_nodes_within(
     if end <= start:
         return at
     v0, v1 = asinh((start - centre) / width), asinh((end - centre) / width)
-    n_panels, p = panel_split(v1 - v0, digits, pole)
-    step = (v1 - v0) / n_panels
-    first = p * (p - 1) // 2
+    last = lay_panels(v0, v1, digits, pole, at, ws.nodes[6], ws.nodes[4])
     above = inc.grazing if centre == inc.theta else 0.5 * pi - centre
     beyond = centre - inc.theta if abs(centre) < 0.5 * pi else inc.grazing
     if centre <= -0.5 * pi:
         above, beyond = pi, inc.grazing - pi
-    for j in range(n_panels):
-        for i in range(p):
-            e = exp(v0 + step * (j + NODES[first + i]))
-            inverse = 1.0 / e
-            delta = 0.5 * width * (e - inverse)
-            ws.nodes[4, at] = 0.5 * step * WEIGHTS[first + i] * width * (e + inverse)
-            ws.nodes[5, at] = above - delta
-            ws.nodes[6, at] = beyond + delta
-            at += 1
-    return at
+    weight, grazing, v = ws.nodes[4][at:last], ws.nodes[5][at:last], ws.nodes[6][at:last]
+    for i in range(v.size):
+        e = exp(v[i])
+        inverse = 1.0 / e
+        delta = 0.5 * width * (e - inverse)
+        weight[i] *= 0.5 * width * (e + inverse)
+        grazing[i] = above - delta
+        v[i] = beyond + delta
+    return last
 
 
 @compiled()
@@ -382,20 +404,31 @@ def _place_nodes(
 @compiled()
 def _fill_geometry(n: int, inc: Incidence, ws: ShapedWorkspace) -> None:
     """x, c, offset, h of the nodes from pi/2 - t and t - theta_i, without cancellation."""
-    for i in range(n):
-        from_grazing, from_peak = ws.nodes[5, i], ws.nodes[6, i]
-        both = from_grazing + inc.grazing  # pi - (t + theta_i)
+    x_row, c_row, offset_row = ws.nodes[0][:n], ws.nodes[1][:n], ws.nodes[2][:n]
+    h_row, weight_row, grazing = ws.nodes[3][:n], ws.nodes[4][:n], ws.nodes[5][:n]
+    peak = ws.nodes[6][:n]
+    for i in range(x_row.size):
+        both = grazing[i] + inc.grazing  # pi - (t + theta_i)
         short = both <= 0.5 * pi
         a, b = half_sincos(both if short else pi - both)
-        cos_mean, sin_mean = (a, b) if short else (b, a)
-        sin_half, cos_half = half_sincos(from_peak)
-        g, k = half_sincos(from_grazing)
-        ws.nodes[0, i] = sin_mean * cos_half
-        ws.nodes[1, i] = sqrt(cos_mean * cos_mean + sin_mean * sin_mean * sin_half * sin_half)
-        ws.nodes[2, i] = 2.0 * cos_mean * sin_half
-        ws.nodes[3, i] = cos_mean * cos_mean * cos_half * cos_half
-        ws.nodes[4, i] *= max(2.0 * g * k, 0.0)
-        ws.nodes[5, i] = max(min(from_grazing, pi - from_grazing), 0.0)
+        cos_mean, sin_mean = (a if short else b), (b if short else a)
+        sin_half, cos_half = half_sincos(peak[i])
+        sin_grazing, cos_grazing = half_sincos(grazing[i])
+        x_row[i] = sin_mean * cos_half
+        root = cos_mean * cos_half
+        c_row[i] = sqrt(cos_mean * cos_mean + sin_mean * sin_mean * sin_half * sin_half)
+        offset_row[i] = 2.0 * cos_mean * sin_half
+        h_row[i] = root * root
+        weight_row[i] *= max(2.0 * sin_grazing * cos_grazing, 0.0)
+        grazing[i] = max(min(grazing[i], pi - grazing[i]), 0.0)
+
+
+@compiled(reassociate=True)
+def _dot(a: Array, b: Array, n: int) -> float:
+    total = 0.0
+    for i in range(n):
+        total += a[i] * b[i]
+    return total
 
 
 @compiled()
@@ -406,11 +439,9 @@ def shaped_integrals(
     """I_s and I_p at one angle of incidence; ``found`` is of `shaped_cumulative` with ``ws``."""
     n = _place_nodes(inc, surf, shaped, digits, ws)
     _fill_lobes(n, surf, shaped, ws)
-    norm_s = norm_p = 0.0
-    for i in range(n):
-        c_s, c_p = cumulative_at(ws.nodes[5, i], found)
-        norm_s += ws.lobes[0, i] * c_p
-        norm_p += ws.lobes[1, i] * c_s
+    _sum_cumulative(n, found, ws)
+    norm_s = _dot(ws.lobes[0], ws.sums[1], n)
+    norm_p = _dot(ws.lobes[1], ws.sums[0], n)
     if inc.theta == 0.0:  # alpha and beta, and with them s and p, change places
         norm_s = norm_p = 0.5 * (norm_s + norm_p)
     return norm_s, norm_p
