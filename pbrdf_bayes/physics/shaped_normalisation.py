@@ -57,6 +57,13 @@ Array = NDArray[np.float64]
 MAX_SHAPED_NODES = 8192
 MAX_PIECES = 64
 PIECE_LENGTH = 2.2
+WIDEST_STRETCH = 2.0
+GAUSSIAN_STRETCH = 1.25
+POLE_DISTANCE = 0.9
+GAUSSIAN_POLE = 0.76
+NARROWING_POLE = 0.08
+VOIGT_SHARE = 1.5
+CAUCHY_SHARE = 0.5
 
 
 class ShapedWorkspace(NamedTuple):
@@ -102,16 +109,27 @@ class Cumulative(NamedTuple):
 def stretch(shape: LineShape) -> float:
     """Width of the stretching in half widths of the peak."""
     if shape.code == CAUCHY:
-        return min(1.0 / sqrt(shape.curvature), 2.0)
-    if shape.code == GAUSSIAN:
-        return 1.5
-    return 1.0
+        return min(1.0 / sqrt(shape.curvature), WIDEST_STRETCH)
+    return GAUSSIAN_STRETCH if shape.code == GAUSSIAN else 1.0
 
 
 @compiled()
-def pole_distance(shaped: Lobe, surf: Surface) -> float:
-    """Distance in v of the nearest pole that the orders of all rules are made for."""
-    return 0.9
+def pole_distance(shaped: Lobe) -> float:
+    """Distance in v of the nearest pole that the orders of all rules are made for.
+
+    Between that of the Lorentzian and that of the Gaussian, which is pi/4 at constant width and
+    less if the width changes with the angle.
+    """
+    shape = shaped.shape
+    share = 0.0
+    if shape.code == GAUSSIAN:
+        share = 1.0
+    elif shape.code == VOIGT:
+        share = min(1.0, VOIGT_SHARE / (1.0 + shape.damping))
+    elif shape.code == CAUCHY:
+        share = CAUCHY_SHARE * max(1.0 - 1.0 / shape.exponent, 0.0)
+    gaussian = GAUSSIAN_POLE - NARROWING_POLE * shaped.narrowing
+    return POLE_DISTANCE + share * (gaussian - POLE_DISTANCE)
 
 
 @compiled()
@@ -161,7 +179,7 @@ def _branch_width(width: float, peak: float, digits: float) -> float:
 @compiled()
 def _series_order(length: float, digits: float, pole: float) -> int:
     y = 2.0 * pole / max(length, 1.0)
-    order = ceil((digits + 2.0) / log10(y + sqrt(1.0 + y * y))) + 1
+    order = ceil((digits + 1.0) / log10(y + sqrt(1.0 + y * y))) + 1
     order = ORDER_STEP * ((order + ORDER_STEP - 1) // ORDER_STEP)
     return min(max(order, 2 * ORDER_STEP), MAX_ORDER)
 
@@ -215,7 +233,7 @@ def shaped_cumulative(
     longest = 0.0
     for i in range(n):
         longest = max(longest, ws.pieces[4, i])
-    m = _series_order(longest, digits, pole_distance(shaped, surf))
+    m = _series_order(longest, digits, pole_distance(shaped))
     first = ORDER_STEP * (m // ORDER_STEP - 1) * (m // ORDER_STEP) // 2
     before_s = before_p = 0.0
     for i in range(n):
@@ -328,8 +346,8 @@ def _find_centres(
 ) -> int:
     """Centres of the integral over t; returns their number."""
     half_pi, scale = 0.5 * pi, stretch(shaped.shape)
-    rim = surf.rho0 * scale
-    peak = min(rim, inc.grazing, scale * _peak_width(inc, surf, shaped.narrowing))
+    rim = min(surf.rho0 * scale, inc.grazing)
+    peak = min(rim, scale * _peak_width(inc, surf, shaped.narrowing))
     n = _add_centre(-half_pi, rim, 0, ws)
     n = _add_centre(half_pi, rim, n, ws)
     n = _add_centre(inc.theta, peak, n, ws)
@@ -386,7 +404,7 @@ def _place_nodes(
     inc: Incidence, surf: Surface, shaped: Lobe, digits: float, ws: ShapedWorkspace
 ) -> int:
     """Geometry and weights of all nodes; returns their number."""
-    pole = pole_distance(shaped, surf)
+    pole = pole_distance(shaped)
     n_centres = _find_centres(inc, surf, shaped, digits, ws)
     n = 0
     for i in range(n_centres):

@@ -58,6 +58,7 @@ SHAPES = (
 )
 NARROWINGS = (1.0, 0.0, 0.5, 2.0)
 PLACES = ("mean_sine", "geometric_mean", "mean_angle")
+SIZE = 80
 BETA = (0.0, 0.003, 0.4, 0.9999)
 
 
@@ -230,11 +231,11 @@ def random_point(rng: random.Random, shape: tuple[str, float], narrowing: float,
 
 
 def points(seed: int) -> list[Point]:
-    """Every shape with every narrowing and every place of the factor, on random surfaces."""
+    """Combinations of shape, narrowing and place of the factor in random order and surfaces."""
     rng = random.Random(f"shaped {seed}")
     kinds = list(itertools.product(SHAPES, NARROWINGS, PLACES))
     rng.shuffle(kinds)
-    return [random_point(rng, *kind) for kind in kinds]
+    return [random_point(rng, *kind) for kind in kinds[:SIZE]]
 
 
 def cartesian(surface: ShapedSurface, inc: Incidence) -> Pair:
