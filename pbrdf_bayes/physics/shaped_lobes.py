@@ -23,7 +23,8 @@ In a kernel, per parameter set (the first three lines), angle of incidence and d
         norm_s, norm_p = shaped_integrals(inc, surf, shaped, cumulative, digits, ws)
             log_a_s, log_a_p = shaped_log_lobes(x, c, offset, h, surf, shaped)
 
-The last three are in `pbrdf_bayes.physics.shaped_normalisation` but for `shaped_log_lobes`.
+`pbrdf_bayes.physics.shaped_normalisation` has the norms. In plane f_s has the factor B_p(0):
+``shaped_log_lobes(0.0, 1.0, 0.0, 1.0, surf, shaped)`` has its logarithm.
 """
 
 from __future__ import annotations
@@ -100,18 +101,11 @@ def mean_angle_reflectances(x: float, h: float, surf: Surface) -> tuple[float, f
 
 
 @compiled(inline=True)
-def geometric_mean_reflectances(
-    x: float, offset: float, h: float, surf: Surface
-) -> tuple[float, float]:
-    """Geometric means of F_s and of F_p at the two angles.
-
-    A factor F_p(alpha_i) = 0 is one of a lobe and of its norm alike: it becomes the least number.
-    """
+def outgoing_roots(x: float, offset: float, h: float, surf: Surface) -> tuple[float, float]:
+    """The roots of F_s and F_p at alpha; at alpha_i with ``offset`` negated."""
     root = sqrt(h)
-    tilt = 0.5 * offset * x / root
-    f_s, f_p = reflectances(x + 0.5 * offset, max(root - tilt, 0.0), surf)
-    i_s, i_p = reflectances(x - 0.5 * offset, max(root + tilt, 0.0), surf)
-    return sqrt(f_s * i_s), sqrt(f_p) * sqrt(max(i_p, TINIEST))
+    f_s, f_p = reflectances(x + 0.5 * offset, max(root - 0.5 * offset * x / root, 0.0), surf)
+    return sqrt(f_s), sqrt(max(f_p, TINIEST))
 
 
 @compiled()
@@ -122,7 +116,9 @@ def shaped_log_lobes(
     if shaped.fresnel_at == MEAN_SINE:
         f_s, f_p = reflectances(x, c, surf)
     elif shaped.fresnel_at == GEOMETRIC_MEAN:
-        f_s, f_p = geometric_mean_reflectances(x, offset, h, surf)
+        f_s, f_p = outgoing_roots(x, offset, h, surf)
+        root_s, root_p = outgoing_roots(x, -offset, h, surf)
+        f_s, f_p = f_s * root_s, f_p * root_p
     else:
         f_s, f_p = mean_angle_reflectances(x, h, surf)
     w2_s, w2_p = squared_widths(x, c, h, surf, shaped.narrowing)
@@ -155,16 +151,23 @@ def fill_squared_widths(
 
 @compiled()
 def fill_reflectances(
-    nodes: Array, n: int, surf: Surface, fresnel_at: int, f_s: Array, f_p: Array
-) -> None:
-    """The factors F_s and F_p in front of the lobes."""
+    nodes: Array, n: int, sine_i: float, cosine_i: float, surf: Surface, fresnel_at: int,
+    f_s: Array, f_p: Array,
+) -> None:  # fmt: skip
+    """The factors F_s and F_p in front of the lobes; for B at normal incidence.
+
+    Found once, F_p(alpha_i) is the same number in all of a norm, however close to zero it is.
+    """
     x, c, offset, h = nodes[0][:n], nodes[1][:n], nodes[2][:n], nodes[3][:n]
     if fresnel_at == MEAN_SINE:
         for i in range(x.size):
             f_s[i], f_p[i] = reflectances(x[i], c[i], surf)
     elif fresnel_at == GEOMETRIC_MEAN:
+        i_s, i_p = reflectances(sine_i, cosine_i, surf)
+        root_s, root_p = sqrt(i_s), sqrt(max(i_p, TINIEST))
         for i in range(x.size):
-            f_s[i], f_p[i] = geometric_mean_reflectances(x[i], offset[i], h[i], surf)
+            out_s, out_p = outgoing_roots(x[i], offset[i], h[i], surf)
+            f_s[i], f_p[i] = root_s * out_s, root_p * out_p
     else:
         for i in range(x.size):
             f_s[i], f_p[i] = mean_angle_reflectances(x[i], h[i], surf)

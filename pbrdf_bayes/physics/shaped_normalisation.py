@@ -61,9 +61,9 @@ WIDEST_STRETCH = 2.0
 GAUSSIAN_STRETCH = 1.25
 POLE_DISTANCE = 0.9
 GAUSSIAN_POLE = 0.76
-NARROWING_POLE = 0.08
+NARROWING_POLE = 0.1
 VOIGT_SHARE = 1.5
-CAUCHY_SHARE = 0.5
+CAUCHY_SHARE = 0.65
 
 
 class ShapedWorkspace(NamedTuple):
@@ -240,7 +240,7 @@ def shaped_cumulative(
         ws.coefficients[0, i, 0] = before_s
         ws.coefficients[1, i, 0] = before_p
         _place_transverse_nodes(i, first, m, ws)
-        _fill_lobes(m, surf, shaped, ws)
+        _fill_lobes(m, 0.0, 1.0, surf, shaped, ws)
         _antiderivative(m, ws.lobes[0], ws.coefficients[0, i])
         _antiderivative(m, ws.lobes[1], ws.coefficients[1, i])
         for j in range(1, m + 1):
@@ -272,10 +272,13 @@ def _place_transverse_nodes(piece: int, first: int, m: int, ws: ShapedWorkspace)
 
 
 @compiled()
-def _fill_lobes(n: int, surf: Surface, shaped: Lobe, ws: ShapedWorkspace) -> None:
+def _fill_lobes(
+    n: int, sine_i: float, cosine_i: float, surf: Surface, shaped: Lobe, ws: ShapedWorkspace
+) -> None:
     """Lobes of s and p at the nodes times the weights."""
     fill_squared_widths(ws.nodes, n, surf, shaped.narrowing, ws.lobes[2], ws.lobes[3])
-    fill_reflectances(ws.nodes, n, surf, shaped.fresnel_at, ws.lobes[0], ws.lobes[1])
+    place = shaped.fresnel_at
+    fill_reflectances(ws.nodes, n, sine_i, cosine_i, surf, place, ws.lobes[0], ws.lobes[1])
     for q in range(2):
         fill_shape(ws.nodes, n, ws.lobes[2 + q], shaped.shape, ws.lobes[q])
 
@@ -456,7 +459,7 @@ def shaped_integrals(
 ) -> tuple[float, float]:  # fmt: skip
     """I_s and I_p at one angle of incidence; ``found`` is of `shaped_cumulative` with ``ws``."""
     n = _place_nodes(inc, surf, shaped, digits, ws)
-    _fill_lobes(n, surf, shaped, ws)
+    _fill_lobes(n, inc.sine, inc.cosine, surf, shaped, ws)
     _sum_cumulative(n, found, ws)
     norm_s = _dot(ws.lobes[0], ws.sums[1], n)
     norm_p = _dot(ws.lobes[1], ws.sums[0], n)

@@ -22,15 +22,22 @@ BOUND = 1e-14
 
 
 def exact_log(x: float, y: float) -> float:
-    """By the complementary error function; far out by Laplace's continued fraction."""
+    """By the complementary error function; far out by Laplace's continued fraction.
+
+    Next to the axis to first order in y: Re w = exp(-x^2) - y Im w'(x), w' = 2i/sqrt(pi) - 2 z w.
+    """
     z = mp.mpc(x, y)
     if abs(z) > 40:
         below = z
         for j in range(40, 0, -1):
             below = z - mp.mpf(j) / 2 / below
-        real = (1j / mp.sqrt(mp.pi) / below).real + (mp.exp(-mp.mpf(x) ** 2) if y < 1 else 0)
+        real = (1j / mp.sqrt(mp.pi) / below).real + (mp.exp(-(mp.mpf(x) ** 2)) if y < 1 else 0)
+    elif y < 1e-30:
+        gauss = mp.exp(-(mp.mpf(x) ** 2))
+        real = gauss + y * 2 * (mp.mpf(x) * gauss * mp.erfi(x) - 1 / mp.sqrt(mp.pi))
     else:
-        with mp.workdps(900 if x > 5 else 60):  # Re w is as much as exp(-x^2) below |w|
+        with mp.workdps(100):  # Re w is as much as 1e-30 below |w|
+            z = mp.mpc(x, y)
             real = (mp.exp(-z * z) * mp.erfc(-1j * z)).real
     return float(mp.log(real))
 
@@ -80,7 +87,9 @@ def test_on_the_axes_it_is_the_gaussian_and_erfcx() -> None:
 
 def test_it_agrees_with_scipy_on_a_dense_grid() -> None:
     """scipy's wofz promises 1e-13."""
-    x, y = np.meshgrid(np.linspace(0.0, 30.0, 121), np.concatenate([[0.0], np.logspace(-16, 4, 81)]))
+    x, y = np.meshgrid(
+        np.linspace(0.0, 30.0, 121), np.concatenate([[0.0], np.logspace(-16, 4, 81)])
+    )
     x, y = x.ravel(), y.ravel()
     exact = wofz(x + 1j * y).real
     keep = exact > 1e-300

@@ -165,9 +165,7 @@ def breaks(surface: ShapedSurface, inc: Incidence) -> set[mpf]:
         brewster = mp.atan(mp.sqrt(surface.m2))
         distance = abs(mp.im(brewster))
         for place in (mp.re(brewster), half_pi - mp.re(brewster)):
-            found |= (
-                graded(place, distance, mp.mpf(0), half_pi) if distance > 1e-12 else {place}
-            )
+            found |= graded(place, distance, mp.mpf(0), half_pi) if distance > 1e-12 else {place}
     return found
 
 
