@@ -3,28 +3,16 @@
 It is done as in `pbrdf_bayes.physics.normalisation`: I_q = integral of A_q(alpha) C_q'(cos t)
 d alpha, alpha = sin t, C the cumulative integral of B, s and p on the same nodes. What differs:
 
-Centres. The places near which an integrand varies fast, each with a width: theta_i, where A has its
-peak, and t = +-pi/2, where C has that of B; with the geometric mean also the Brewster angle a = Re
-atan(m) at t = +-a for A and at t = +-(pi/2 - a) for C: sqrt(F_p) has branch points at the
-distance b = |Im atan(m)|, for k = 0 a kink. Halfway between neighbouring centres, and at the kink
-of |t| at t = 0, the interval is split; each part is stretched by t = centre + width sinh v around
-its own centre. No width is more than the distance of another centre and its width together.
-
-Widths. Around theta_i and +-pi/2 they are `stretch` times the half widths of the peak: the
-poles of a Cauchy peak, at 1/sqrt(2^(1/nu) - 1) half widths, are then at v = +-i pi/2 for any nu,
-as those of the Lorentzian. Gaussian and Voigt peaks are entire but grow doubly exponentially off
-the real axis.
+The interval is split between its centres and stretched around each of them, `shaped_centres`, where
+the rules for the orders are, too.
 
 C is expanded in Chebyshev polynomials piece by piece, C(v) = C(v0) + (v - v0) series(v), the
 first piece from C = 0 on keeps the relative accuracy which grazing angles need.
-
-Orders follow from the distance of the nearest pole in v as in `normalisation`. That distance was
-calibrated for each kind of shape (``tests/physics/test_shaped_lobes.py``): `pole_distance`.
 """
 
 from __future__ import annotations
 
-from math import asinh, atan2, ceil, log1p, log10, pi, sqrt
+from math import asinh, ceil, log10, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +21,6 @@ from numpy.typing import NDArray
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.elementary import exp, half_sincos, log
 from pbrdf_bayes.physics.fresnel import Surface, transmittances
-from pbrdf_bayes.physics.line_shapes import CAUCHY, GAUSSIAN, VOIGT, LineShape
 from pbrdf_bayes.physics.normalisation import (
     MATRICES,
     MATRIX_START,
@@ -43,6 +30,14 @@ from pbrdf_bayes.physics.normalisation import (
     Incidence,
     lay_panels,
     sum_expansion,
+)
+from pbrdf_bayes.physics.shaped_centres import (
+    add_centre,
+    branch_width,
+    brewster,
+    compare_widths,
+    pole_distance,
+    stretch,
 )
 from pbrdf_bayes.physics.shaped_lobes import (
     GEOMETRIC_MEAN,
@@ -57,13 +52,6 @@ Array = NDArray[np.float64]
 MAX_SHAPED_NODES = 8192
 MAX_PIECES = 64
 PIECE_LENGTH = 2.2
-WIDEST_STRETCH = 2.0
-GAUSSIAN_STRETCH = 1.25
-POLE_DISTANCE = 0.9
-GAUSSIAN_POLE = 0.76
-NARROWING_POLE = 0.1
-VOIGT_SHARE = 1.5
-CAUCHY_SHARE = 0.65
 
 
 class ShapedWorkspace(NamedTuple):
@@ -105,74 +93,6 @@ class Cumulative(NamedTuple):
     coefficients: Array
 
 
-@compiled()
-def stretch(shape: LineShape) -> float:
-    """Width of the stretching in half widths of the peak."""
-    if shape.code == CAUCHY:
-        return min(1.0 / sqrt(shape.curvature), WIDEST_STRETCH)
-    return GAUSSIAN_STRETCH if shape.code == GAUSSIAN else 1.0
-
-
-@compiled()
-def pole_distance(shaped: Lobe) -> float:
-    """Distance in v of the nearest pole that the orders of all rules are made for.
-
-    Between that of the Lorentzian and that of the Gaussian, which is pi/4 at constant width and
-    less if the width changes with the angle.
-    """
-    shape = shaped.shape
-    share = 0.0
-    if shape.code == GAUSSIAN:
-        share = 1.0
-    elif shape.code == VOIGT:
-        share = min(1.0, VOIGT_SHARE / (1.0 + shape.damping))
-    elif shape.code == CAUCHY:
-        share = CAUCHY_SHARE * max(1.0 - 1.0 / shape.exponent, 0.0)
-    gaussian = GAUSSIAN_POLE - NARROWING_POLE * shaped.narrowing
-    return POLE_DISTANCE + share * (gaussian - POLE_DISTANCE)
-
-
-@compiled()
-def brewster(surf: Surface) -> tuple[float, float]:
-    """Re and |Im| of atan(m), the angle [rad] at which r_p vanishes."""
-    n, k = surf.n, surf.k
-    below = n * n + (1.0 - k) * (1.0 - k)
-    return 0.5 * atan2(2.0 * n, 1.0 - n * n - k * k), 0.25 * log1p(4.0 * k / max(below, 1e-300))
-
-
-# ----------------------------------------------------------------------------------- centres
-
-
-@compiled()
-def _add_centre(place: float, width: float, n: int, ws: ShapedWorkspace) -> int:
-    """Insert a centre so that places ascend; returns their number."""
-    i = n
-    while i > 0 and ws.centres[0, i - 1] > place:
-        ws.centres[0, i] = ws.centres[0, i - 1]
-        ws.centres[1, i] = ws.centres[1, i - 1]
-        i -= 1
-    ws.centres[0, i] = place
-    ws.centres[1, i] = width
-    return n + 1
-
-
-@compiled()
-def _compare_widths(n: int, ws: ShapedWorkspace) -> None:
-    """Widths, none more than the distance of another centre and its width together."""
-    place, width = ws.centres[0], ws.centres[1]
-    for i in range(n):
-        smallest = width[i]
-        for j in range(n):
-            smallest = min(smallest, abs(place[i] - place[j]) + width[j])
-        ws.centres[2, i] = smallest
-
-
-@compiled()
-def _branch_width(width: float, peak: float, digits: float) -> float:
-    """The distance of a branch point; what is so close that it is a kink needs no stretching."""
-    return width if width > peak * 10.0 ** (-0.5 * digits - 1.0) else 1.0
-
-
 # -------------------------------------------------------------------------------- cumulative
 
 
@@ -188,11 +108,11 @@ def _series_order(length: float, digits: float, pole: float) -> int:
 def _cut_pieces(surf: Surface, shaped: Lobe, digits: float, ws: ShapedWorkspace) -> int:
     """Pieces of s in [0, pi/2]; returns their number."""
     width = surf.rho0 * stretch(shaped.shape)
-    n = _add_centre(0.0, width, 0, ws)
+    n = add_centre(0.0, width, 0, ws.centres)
     if shaped.fresnel_at == GEOMETRIC_MEAN:
         angle, branch = brewster(surf)
-        n = _add_centre(angle, _branch_width(branch, width, digits), n, ws)
-    _compare_widths(n, ws)
+        n = add_centre(angle, branch_width(branch, width, digits), n, ws.centres)
+    compare_widths(n, ws.centres)
     at = 0
     for i in range(n):
         place, width = ws.centres[0, i], ws.centres[2, i]
@@ -340,7 +260,8 @@ def _sum_piece(a: int, b: int, piece: int, found: Cumulative, ws: ShapedWorkspac
 def _peak_width(inc: Incidence, surf: Surface, narrowing: float) -> float:
     """Half width [rad] of the narrower of the two peaks of A."""
     t_s, t_p = transmittances(inc.sine, inc.cosine, surf)
-    return surf.rho0 * (min(t_s, t_p) / surf.transmittance0) ** narrowing
+    width: float = surf.rho0 * (min(t_s, t_p) / surf.transmittance0) ** narrowing
+    return width
 
 
 @compiled()
@@ -351,17 +272,17 @@ def _find_centres(
     half_pi, scale = 0.5 * pi, stretch(shaped.shape)
     rim = min(surf.rho0 * scale, inc.grazing)
     peak = min(rim, scale * _peak_width(inc, surf, shaped.narrowing))
-    n = _add_centre(-half_pi, rim, 0, ws)
-    n = _add_centre(half_pi, rim, n, ws)
-    n = _add_centre(inc.theta, peak, n, ws)
+    n = add_centre(-half_pi, rim, 0, ws.centres)
+    n = add_centre(half_pi, rim, n, ws.centres)
+    n = add_centre(inc.theta, peak, n, ws.centres)
     if shaped.fresnel_at == GEOMETRIC_MEAN:
         angle, branch = brewster(surf)
-        branch = _branch_width(branch, peak, digits)
-        n = _add_centre(-angle, branch, n, ws)
-        n = _add_centre(angle, branch, n, ws)
-        n = _add_centre(angle - half_pi, branch, n, ws)
-        n = _add_centre(half_pi - angle, branch, n, ws)
-    _compare_widths(n, ws)
+        branch = branch_width(branch, peak, digits)
+        n = add_centre(-angle, branch, n, ws.centres)
+        n = add_centre(angle, branch, n, ws.centres)
+        n = add_centre(angle - half_pi, branch, n, ws.centres)
+        n = add_centre(half_pi - angle, branch, n, ws.centres)
+    compare_widths(n, ws.centres)
     ws.centres[2, 0] = ws.centres[2, n - 1] = rim  # one-sided
     return n
 

@@ -181,7 +181,14 @@ def _spread(shaped: Lobe, domain: np.ndarray, digits: float, ws: Any) -> np.ndar
 def test_every_shape_converges_over_the_domain(place: int, digits: float) -> None:
     """Against the norm with 14 digits, which the reference values confirm, on 60 surfaces each."""
     rng = np.random.default_rng(int(digits) + 100 * place)
-    kinds = [(GAUSSIAN, 1.0), (VOIGT, 0.1), (VOIGT, 0.5), (CAUCHY, 0.6), (CAUCHY, 2.0), (CAUCHY, 6.0)]
+    kinds = [
+        (GAUSSIAN, 1.0),
+        (VOIGT, 0.1),
+        (VOIGT, 0.5),
+        (CAUCHY, 0.6),
+        (CAUCHY, 2.0),
+        (CAUCHY, 6.0),
+    ]
     for code, parameter in kinds:
         for narrowing in (0.0, 1.0, 2.0):
             domain = np.stack([
