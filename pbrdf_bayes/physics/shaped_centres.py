@@ -13,12 +13,11 @@ as those of the Lorentzian. Gaussian and Voigt peaks are entire but grow doubly 
 the real axis.
 
 Orders follow from the distance of the nearest pole in v as in `normalisation`. `pole_distance` was
-calibrated on random surfaces of the whole domain against 15 digits and with the values of
-``tests/reference``: 0.9, or for g > 1
-0.94 - 0.04 g, for Lorentzian peaks; for the Gaussian, which grows beyond Im v = pi/4,
-0.76 - 0.1 g, as a width that changes with the angle bends that strip; in between, by the share of
-the Gaussian, min(1, 1.5/(1 + y)) for Voigt and 0.65 (1 - 1/nu) for Cauchy with nu > 1.
-(``tests/physics/test_shaped_lobes.py``)
+calibrated on random surfaces of the whole domain against 15 digits, and checked with the values of
+``tests/reference`` (``tests/physics/test_shaped_lobes.py``). It is 0.9 for Lorentzian peaks, and
+0.94 - 0.04 g for a narrowing g > 1; 0.76 - 0.1 g for the Gaussian, which grows beyond Im v = pi/4,
+or closer where its width changes with the angle; in between by the share of the Gaussian,
+min(1, 1.5/(1 + y)) for Voigt and 0.65 (1 - 1/nu) for Cauchy with nu > 1.
 """
 
 from __future__ import annotations

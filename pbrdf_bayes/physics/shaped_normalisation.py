@@ -3,8 +3,8 @@
 It is done as in `pbrdf_bayes.physics.normalisation`: I_q = integral of A_q(alpha) C_q'(cos t)
 d alpha, alpha = sin t, C the cumulative integral of B, s and p on the same nodes. What differs:
 
-The interval is split between its centres and stretched around each of them, `shaped_centres`, where
-the rules for the orders are, too.
+The interval is split between its centres and stretched around each of them:
+`pbrdf_bayes.physics.shaped_centres` says where they are, and has the rule for the orders.
 
 C is expanded in Chebyshev polynomials piece by piece, C(v) = C(v0) + (v - v0) series(v), the
 first piece from C = 0 on keeps the relative accuracy which grazing angles need.
