@@ -48,7 +48,7 @@ Array = NDArray[np.float64]
 
 MAX_ORDER = 96
 """Largest Gauss rule and Chebyshev degree tabulated."""
-_ORDER_STEP = 4
+ORDER_STEP = 4
 MAX_NODES = 2048
 LANES = 4
 """Nodes come in multiples of this, so that no loop over them has a remainder done one by one."""
@@ -73,11 +73,11 @@ def _gauss_tables() -> tuple[Array, Array]:
 def _expansion_tables() -> tuple[Array, Array, NDArray[np.int64]]:
     """Chebyshev points on [0, 1] and matrices from samples there to C(u)/u in coefficients.
 
-    One block for each order that is a multiple of ``_ORDER_STEP``. C is the antiderivative that is
+    One block for each order that is a multiple of ``ORDER_STEP``. C is the antiderivative that is
     zero at u = 0; divided by u it keeps its relative accuracy there, which grazing angles need.
     """
     points, matrices, starts = [], [], [0]
-    for m in range(_ORDER_STEP, MAX_ORDER + 1, _ORDER_STEP):
+    for m in range(ORDER_STEP, MAX_ORDER + 1, ORDER_STEP):
         angle = pi * (np.arange(m) + 0.5) / m
         points.append(0.5 * (1.0 + np.cos(angle)))
         degree = np.arange(m)[:, None]
@@ -91,7 +91,7 @@ def _expansion_tables() -> tuple[Array, Array, NDArray[np.int64]]:
 
 
 _NODES, _WEIGHTS = _gauss_tables()
-_POINTS, _MATRICES, _MATRIX_START = _expansion_tables()
+POINTS, MATRICES, MATRIX_START = _expansion_tables()
 
 
 VALUES, SLOPES = 2, 8
@@ -158,8 +158,8 @@ def expansion_order(length: float, digits: float) -> int:
     re = sqrt(0.5 * (modulus - y * y)) + 1.0
     im = sqrt(0.5 * (modulus + y * y)) + y
     order = ceil((digits + 2.0) / (0.5 * log10(re * re + im * im))) + 1
-    order = _ORDER_STEP * ((order + _ORDER_STEP - 1) // _ORDER_STEP)
-    return min(max(order, 2 * _ORDER_STEP), MAX_ORDER)
+    order = ORDER_STEP * ((order + ORDER_STEP - 1) // ORDER_STEP)
+    return min(max(order, 2 * ORDER_STEP), MAX_ORDER)
 
 
 @compiled()
@@ -239,7 +239,7 @@ def _scale_row(row: Array, factor: Array, n: int) -> None:
 def _place_cumulative_nodes(length: float, first: int, m: int, rho0: float, ws: Workspace) -> None:
     """Geometry and weights of the nodes beta = sin s, s = rho0 sinh u, u from 0 to ``length``."""
     x_row, c_row, offset_row = ws.nodes[0][:m], ws.nodes[1][:m], ws.nodes[2][:m]
-    h_row, weight_row, point = ws.nodes[3][:m], ws.nodes[4][:m], _POINTS[first : first + m]
+    h_row, weight_row, point = ws.nodes[3][:m], ws.nodes[4][:m], POINTS[first : first + m]
     half_rho0 = 0.5 * rho0
     for i in range(x_row.size):
         e = exp(length * point[i])
@@ -259,7 +259,7 @@ def _place_cumulative_nodes(length: float, first: int, m: int, rho0: float, ws: 
 @compiled()
 def expand_cumulative(surf: Surface, m: int, n_series: int, ws: Workspace) -> None:
     """Chebyshev coefficients of C/u in u/length on [0, 1], for every series of B."""
-    first = _ORDER_STEP * (m // _ORDER_STEP - 1) * (m // _ORDER_STEP) // 2
+    first = ORDER_STEP * (m // ORDER_STEP - 1) * (m // ORDER_STEP) // 2
     _place_cumulative_nodes(asinh(0.5 * pi / surf.rho0), first, m, surf.rho0, ws)
     _fill_series(m, n_series, surf, ws)
     _antiderivatives(m, n_series, ws)
@@ -268,11 +268,11 @@ def expand_cumulative(surf: Surface, m: int, n_series: int, ws: Workspace) -> No
 @compiled(reassociate=True)
 def _antiderivatives(m: int, n_series: int, ws: Workspace) -> None:
     """Coefficients of C/u from the samples of every series."""
-    start = _MATRIX_START[m // _ORDER_STEP - 1]
+    start = MATRIX_START[m // ORDER_STEP - 1]
     for q in range(n_series):
         samples = ws.lobes[q]
         for j in range(m):
-            row = _MATRICES[start + j * m : start + (j + 1) * m]
+            row = MATRICES[start + j * m : start + (j + 1) * m]
             total = 0.0
             for i in range(m):
                 total += row[i] * samples[i]
@@ -280,7 +280,7 @@ def _antiderivatives(m: int, n_series: int, ws: Workspace) -> None:
 
 
 @compiled(inline=True)
-def _lay_panels(
+def lay_panels(
     v0: float, v1: float, digits: float, pole: float, at: int, v_row: Array, weight_row: Array
 ) -> int:
     """Gauss nodes of [v0, v1] and their weights from index ``at`` on; returns where they end."""
@@ -315,14 +315,14 @@ def place_nodes(inc: Incidence, surf: Surface, digits: float, ws: Workspace) -> 
     far = asinh((inc.theta + 0.25 * pi) / width)
     x_row, c_row, offset_row = ws.nodes[0], ws.nodes[1], ws.nodes[2]
     h_row, weight_row, u_row = ws.nodes[3], ws.nodes[4], ws.nodes[5]
-    peak = _lay_panels(-far, -near, digits, pole, 0, u_row, weight_row)
-    peak = _lay_panels(-near, 0.0, digits, pole, peak, u_row, weight_row)
+    peak = lay_panels(-far, -near, digits, pole, 0, u_row, weight_row)
+    peak = lay_panels(-near, 0.0, digits, pole, peak, u_row, weight_row)
     middle = asinh(0.5 * inc.grazing / width)
-    peak = _lay_panels(0.0, middle, digits, pole, peak, u_row, weight_row)
+    peak = lay_panels(0.0, middle, digits, pole, peak, u_row, weight_row)
     quarter = asinh(0.25 * pi / rho0)
-    backward = _lay_panels(0.0, quarter, digits, pole, peak, u_row, weight_row)
+    backward = lay_panels(0.0, quarter, digits, pole, peak, u_row, weight_row)
     middle = asinh(0.5 * inc.grazing / rho0)
-    n = _lay_panels(-middle, 0.0, digits, pole, backward, u_row, weight_row)
+    n = lay_panels(-middle, 0.0, digits, pole, backward, u_row, weight_row)
     while n % LANES:
         u_row[n] = weight_row[n] = 0.0
         n += 1
@@ -356,7 +356,7 @@ def place_nodes(inc: Incidence, surf: Surface, digits: float, ws: Workspace) -> 
 
 
 @compiled(inline=True)
-def _sum_expansion(coefficients: Array, m: int, y: Array, b1: Array, b2: Array) -> None:
+def sum_expansion(coefficients: Array, m: int, y: Array, b1: Array, b2: Array) -> None:
     """A Chebyshev series at all nodes by Clenshaw's recurrence, into ``b1``; m is even.
 
     Four degrees a pass over the nodes; ``y`` is twice the argument.
@@ -383,7 +383,7 @@ def _sum_expansions(n: int, m: int, n_series: int, ws: Workspace) -> None:
     for i in range(y.size):
         y[i] = 4.0 * u[i] - 2.0
     for q in range(n_series):
-        _sum_expansion(ws.coefficients[q], m, y, ws.sums[q][:n], b2)
+        sum_expansion(ws.coefficients[q], m, y, ws.sums[q][:n], b2)
 
 
 @compiled(reassociate=True)
