@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pbrdf_bayes.config import RunConfig
     from pbrdf_bayes.data_checks import check_measurement
+    from pbrdf_bayes.effects import Effects
     from pbrdf_bayes.errors import (
         ConfigError,
         ConvergenceError,
@@ -45,6 +46,7 @@ _HOME = {
     "ConvergenceError": "errors",
     "DataError": "errors",
     "DomainError": "errors",
+    "Effects": "effects",
     "FitError": "errors",
     "GREEN_PAINT": "simulate",
     "Measurement": "measurement",
@@ -80,6 +82,7 @@ __all__ = [
     "ConvergenceError",
     "DataError",
     "DomainError",
+    "Effects",
     "FitError",
     "Measurement",
     "Parameters",

@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import io
-import json
 import os
 import re
 import signal
@@ -17,13 +16,10 @@ import threading
 from collections.abc import Callable, Sequence
 from math import floor
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 from pbrdf_bayes import __version__
 from pbrdf_bayes.errors import ConfigError, ConvergenceError, PbrdfError
-
-if TYPE_CHECKING:
-    from pbrdf_bayes.model import Parameters
 
 DONE, BAD_INPUT, NOT_CONVERGED, STRICT_FAIL, INTERRUPTED = 0, 2, 3, 4, 130
 
@@ -171,7 +167,7 @@ def _add_fit(verbs: Any) -> None:
     parser.add_argument("--accuracy", metavar="LEVEL",
                         help="draft, standard (default) or reference")  # fmt: skip
     parser.add_argument("--effects", metavar="NAMES",
-                        help="none (default: the four-parameter model), or names")  # fmt: skip
+                        help="none (default), auto, or names: lambert,volume")  # fmt: skip
     parser.add_argument("--seed", type=_seed, default=1, metavar="N", help="seed (default 1)")
     parser.add_argument("--resume", action="store_true",
                         help="go on with the run in DIR or start it")  # fmt: skip
@@ -277,24 +273,6 @@ def _words(text: str) -> list[str]:
     return words
 
 
-def _parameters(text: str) -> Parameters:
-    from pbrdf_bayes.model import DOMAIN, Parameters
-
-    try:
-        content = text if text.lstrip().startswith("{") else Path(text).read_text(encoding="utf-8")
-        table = json.loads(content)
-    except (OSError, ValueError, RecursionError) as error:
-        msg = f"--params {text[:200]}: not JSON and not a JSON file ({str(error)[:200]})"
-        raise ConfigError(msg) from None
-    if isinstance(table, dict) and isinstance(rows := table.get("parameters"), dict):  # a summary
-        table = {k: v.get("map") for k, v in rows.items() if k in DOMAIN and isinstance(v, dict)}
-    if not isinstance(table, dict) or set(table) != set(DOMAIN):
-        given = ", ".join(table) if isinstance(table, dict) else type(table).__name__
-        msg = f"--params {text}: needs exactly {', '.join(DOMAIN)}; got {given}"
-        raise ConfigError(msg)
-    return Parameters(**table)
-
-
 def _check(options: argparse.Namespace) -> int:
     from pbrdf_bayes.checking import describe_file
     from pbrdf_bayes.io.config_toml import read_config
@@ -345,14 +323,15 @@ def _report(options: argparse.Namespace) -> int:
 
 
 def _predict(options: argparse.Namespace) -> int:
+    from pbrdf_bayes.parameters_json import read_parameters
     from pbrdf_bayes.prediction import predict_table
 
     if (options.folder is None) == (options.params is None):
         msg = "give either a run folder or --params, not both and not neither"
         raise ConfigError(msg)
+    given = (None, None) if options.params is None else read_parameters(options.params)
     text = predict_table(
-        folder=options.folder,
-        parameters=None if options.params is None else _parameters(options.params),
+        folder=options.folder, parameters=given[0], effects=given[1],
         theta_i_deg=options.theta_i, theta_r_deg=options.theta_r, phi_r_deg=options.phi_r,
         dhr_theta_i_deg=options.dhr_theta_i, polarizations=options.polarization,
         rtol=options.rtol,
@@ -373,10 +352,12 @@ def _write_out(text: str, out: Path | None) -> None:
 
 def _simulate(options: argparse.Namespace) -> int:
     from pbrdf_bayes.io.tidy_csv import write_tidy_csv
+    from pbrdf_bayes.parameters_json import read_parameters
     from pbrdf_bayes.simulate import simulate_measurement
 
+    parameters, effects = read_parameters(options.params)
     measurement = simulate_measurement(
-        _parameters(options.params), seed=options.seed, sample=options.sample,
+        parameters, effects=effects, seed=options.seed, sample=options.sample,
         wavelength_um=options.wavelength, theta_i_deg=options.theta_i,
         theta_r_deg=options.theta_r, dhr_theta_i_deg=options.dhr_theta_i,
         polarizations=options.polarization, relative_noise=options.noise,

@@ -11,6 +11,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,12 +30,15 @@ _CHOICES = {
     "correlated": RunConfig(noise="correlated"),
     "filtered": RunConfig(tails="student-t"),
 }
+WITH_EFFECTS = "-with-effects"
+"""Appended to the name of a likelihood whose model has effects."""
 
 
 def likelihood_to_compile(posterior: Posterior) -> str | None:
     """Name of the posterior's likelihood if its kernels are still to be compiled."""
     law = "iid" if posterior.discrepancy is None else "correlated"
     name = law if posterior.filtered is None else "filtered"
+    name += WITH_EFFECTS if posterior.scene is not None else ""
     mark = _mark(name)
     return None if mark is None or mark.exists() else name
 
@@ -45,6 +49,7 @@ def compile_ahead(likelihood: str) -> None:
     Parameters
     ----------
     likelihood : {"iid", "correlated", "filtered"}
+        With `WITH_EFFECTS` appended where the model has some.
 
     Notes
     -----
@@ -73,7 +78,9 @@ def main(likelihood: str) -> int:
     measurement = simulate_measurement(
         GREEN_PAINT, seed=1, theta_i_deg=(30.0,), theta_r_deg=[-20.0, 0.0, 20.0]
     )
-    posterior = build_posterior(measurement, _CHOICES[likelihood])
+    law = likelihood.removesuffix(WITH_EFFECTS)
+    effects = ("lambert",) if law != likelihood else ()
+    posterior = build_posterior(measurement, replace(_CHOICES[law], effects=effects))
     x = posterior.sample_prior(np.random.default_rng(1), 2)
     posterior.predict(x)
     posterior.log_prob(x)

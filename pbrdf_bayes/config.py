@@ -12,8 +12,15 @@ from pbrdf_bayes.errors import ConfigError
 NOISES = ("correlated", "iid")
 DISCREPANCIES = ("matern-3/2", "matern-1/2")
 TAILS = ("normal", "student-t")
-EFFECTS: tuple[str, ...] = ()
-LINE_SHAPES = ("lorentzian",)
+SAMPLE_EFFECTS = ("lambert", "bulk", "volume", "narrowing", "backscatter")
+INSTRUMENT_EFFECTS = (
+    "dhr_offset", "scale_p", "leakage", "offset_theta_i", "offset_theta_r", "aperture",
+)  # fmt: skip
+EFFECTS = (*SAMPLE_EFFECTS, *INSTRUMENT_EFFECTS)
+AUTO = ("auto",)
+"""``effects`` of a run that leaves the choice to the data."""
+LINE_SHAPES = ("lorentzian", "gaussian", "voigt", "cauchy")
+FRESNEL_AT = ("mean-sine", "geometric-mean", "mean-angle")
 PRIOR_PRESETS = ("paint", "dielectric", "metal")
 BRDF_SCALES = ("absolute", "relative")
 HOLDOUTS = ("none", "recipe", "all")
@@ -51,8 +58,13 @@ class RunConfig:
     student_dof : float
         Degrees of freedom of Student's t, 1 to 30; s_rel is then its scale.
     effects : tuple of str
-        Effects added to the four-parameter model; empty is exactly the model of the 2011 paper.
-    line_shape : {"lorentzian"}
+        Effects added to the four-parameter model; empty is exactly the model of the 2011 paper,
+        ``("auto",)`` those that predict readings left out better.
+    line_shape : {"lorentzian", "gaussian", "voigt", "cauchy"}
+        Profile of the lobes over the direction cosine; ``lorentzian`` is that of the 2011 paper.
+    fresnel_at : {"mean-sine", "geometric-mean", "mean-angle"}
+        Where the reflectance of a lobe is taken: at the mean direction sine as in the 2011 paper,
+        as sqrt(F(theta_i) F(theta_r)), or at the mean angle.
     accuracy : {"draft", "standard", "reference"}
         Quadrature tolerance and sampling effort, see `ACCURACIES`.
     prior : {"paint", "dielectric", "metal"}
@@ -100,6 +112,7 @@ class RunConfig:
     student_dof: float = 4.0
     effects: tuple[str, ...] = ()
     line_shape: str = "lorentzian"
+    fresnel_at: str = "mean-sine"
     accuracy: str = "standard"
     prior: str = "paint"
     priors: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -120,14 +133,14 @@ class RunConfig:
         _one_of("tails", self.tails, TAILS)
         _in_range("student_dof", self.student_dof, 1.0, 30.0)
         _one_of("line_shape", self.line_shape, LINE_SHAPES)
+        _one_of("fresnel_at", self.fresnel_at, FRESNEL_AT)
         _one_of("accuracy", self.accuracy, ACCURACIES)
         _one_of("prior", self.prior, PRIOR_PRESETS)
         _one_of("brdf_scale", self.brdf_scale, BRDF_SCALES)
         _holdout(self.holdout)
         _tuple("effects", self.effects)
         _tuple("predict_theta_i_deg", self.predict_theta_i_deg)
-        for name in self.effects:
-            _one_of("effects", name, EFFECTS)
+        _effects(self.effects)
         _in_range("brdf_floor", self.brdf_floor, 0.0, 1e3)
         _in_range("u_brdf_cal", self.u_brdf_cal, 0.0, 1.0)
         _in_range("u_dhr_cal", self.u_dhr_cal, 0.0, 1.0)
@@ -178,6 +191,20 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     by_lower = {name.lower(): name for name in known}
     near = difflib.get_close_matches(word.lower(), by_lower, n=1)
     return f" Did you mean {by_lower[near[0]]!r}?" if near else ""
+
+
+def _effects(names: tuple[str, ...]) -> None:
+    """Known ones, each once, and no two that say the same; or ``auto`` alone."""
+    if names == AUTO:
+        return
+    for name in names:
+        _one_of("effects", name, EFFECTS)
+        if names.count(name) > 1:
+            msg = f"effects: {name!r} is given twice. Give it once"
+            raise ConfigError(msg)
+    if "lambert" in names and "bulk" in names:
+        msg = "effects: 'bulk' is an alternative to 'lambert', not an addition. Give one of them"
+        raise ConfigError(msg)
 
 
 def _one_of(key: str, value: Any, allowed: Iterable[str]) -> None:

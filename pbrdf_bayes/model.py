@@ -14,11 +14,13 @@ from math import isfinite, log10
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pbrdf_bayes.effects import Effects, scene_and_columns
 from pbrdf_bayes.errors import DomainError
 from pbrdf_bayes.physics.brdf import evaluate
 from pbrdf_bayes.physics.fresnel import surface
-from pbrdf_bayes.physics.geometry import prepare_geometry
+from pbrdf_bayes.physics.geometry import Geometry, prepare_geometry
 from pbrdf_bayes.physics.normalisation import incidence, normalisation_integrals, workspace
+from pbrdf_bayes.physics.scattering import evaluate_with_effects
 
 Array = NDArray[np.float64]
 
@@ -97,9 +99,10 @@ def brdf(
     polarization: str = "s",
     *,
     phi_r_deg: ArrayLike = 0.0,
+    effects: Effects | None = None,
     rtol: float = 1e-8,
 ) -> Array:
-    """Polarised BRDF, Eqs. (3)-(6).
+    """Polarised BRDF, Eqs. (3)-(6), and what effects add.
 
     Parameters
     ----------
@@ -113,6 +116,8 @@ def brdf(
     phi_r_deg : array_like
         Azimuth of the scattering direction [deg]; 0 is the plane of incidence. The direction
         cosines are alpha = sin(theta_r) cos(phi_r) and beta = sin(theta_r) sin(phi_r).
+    effects : Effects, optional
+        Line shape and effects; none by default.
     rtol : float
         Relative tolerance of the normalisation, in [1e-12, 1e-2].
 
@@ -151,12 +156,15 @@ def brdf(
         dhr_theta_i=_NO_ANGLES,
         dhr_polarization=np.zeros(0, np.str_),
     )
-    values, _ = evaluate(geometry, parameters.as_array()[None, :], digits_of(rtol))
+    values, _ = _evaluate(parameters, effects, geometry, digits_of(rtol))
     return np.asarray(values[0].reshape(angles[0].shape))
 
 
-def dhr(parameters: Parameters, theta_i_deg: ArrayLike, polarization: str = "s") -> Array:
-    """Directional hemispherical reflectance, Eq. (2): sigma_n0 F_q(theta_i).
+def dhr(
+    parameters: Parameters, theta_i_deg: ArrayLike, polarization: str = "s", *,
+    effects: Effects | None = None,
+) -> Array:  # fmt: skip
+    """Directional hemispherical reflectance, Eq. (2): sigma_n0 F_q(theta_i), and what effects add.
 
     Parameters
     ----------
@@ -164,6 +172,8 @@ def dhr(parameters: Parameters, theta_i_deg: ArrayLike, polarization: str = "s")
     theta_i_deg : array_like
         Angle of incidence, [0, 89.95] [deg].
     polarization : {"s", "p", "u"}
+    effects : Effects, optional
+        Line shape and effects; none by default.
 
     Returns
     -------
@@ -190,8 +200,18 @@ def dhr(parameters: Parameters, theta_i_deg: ArrayLike, polarization: str = "s")
         dhr_theta_i=np.deg2rad(angles.ravel()),
         dhr_polarization=np.full(angles.size, _checked_polarization(polarization)),
     )
-    _, values = evaluate(geometry, parameters.as_array()[None, :], 6.0)
+    _, values = _evaluate(parameters, effects, geometry, 6.0)
     return np.asarray(values[0].reshape(angles.shape))
+
+
+def _evaluate(
+    parameters: Parameters, effects: Effects | None, geometry: Geometry, digits: float
+) -> tuple[Array, Array]:
+    """BRDF and DHR of the rows, shapes (1, n_brdf) and (1, n_dhr)."""
+    x = parameters.as_array()
+    if effects is None or effects.is_null:
+        return evaluate(geometry, x[None, :], digits)
+    return evaluate_with_effects(geometry, *scene_and_columns(effects, x), digits)
 
 
 def reciprocity_ratio(

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.effects import Effects
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.inference.bands import Targets
 from pbrdf_bayes.model import Parameters, brdf, check_directions, dhr, digits_of
@@ -24,6 +25,7 @@ def predict_table(
     *,
     folder: Path | None,
     parameters: Parameters | None,
+    effects: Effects | None = None,
     theta_i_deg: Sequence[float],
     theta_r_deg: Sequence[float],
     phi_r_deg: float,
@@ -39,6 +41,8 @@ def predict_table(
         A finished run: ``value`` is the posterior median, with model and predictive bands.
     parameters : Parameters or None
         Given parameters instead: ``value`` only, the bands stay empty.
+    effects : Effects or None
+        Line shape and effects beside given parameters.
     theta_i_deg, theta_r_deg, dhr_theta_i_deg : sequence of float
         Angles [deg]: every incidence with every scattering angle; DHR at its own.
     phi_r_deg : float
@@ -76,7 +80,7 @@ def predict_table(
     for quantity, targets in (("brdf", brdf_targets), ("dhr", dhr_targets)):
         if not targets.theta_i_deg.size:
             continue
-        values = bands(targets) if bands else _of_parameters(parameters, targets, rtol)
+        values = bands(targets) if bands else _of_parameters(parameters, effects, targets, rtol)
         lines += _lines(quantity, targets, values)
     return "\n".join(lines) + "\n"
 
@@ -107,18 +111,20 @@ def _targets(
     )
 
 
-def _of_parameters(parameters: Parameters | None, targets: Targets, rtol: float) -> Array:
+def _of_parameters(
+    parameters: Parameters | None, effects: Effects | None, targets: Targets, rtol: float
+) -> Array:
     """Values at given parameters, shape (n, 1)."""
     assert parameters is not None
     values = np.empty(targets.theta_i_deg.size)
     for q in np.unique(targets.polarization).tolist():
         rows = targets.polarization == q
         values[rows] = (
-            dhr(parameters, targets.theta_i_deg[rows], q)
+            dhr(parameters, targets.theta_i_deg[rows], q, effects=effects)
             if targets.hemispherical
             else brdf(
                 parameters, targets.theta_i_deg[rows], targets.theta_r_deg[rows], q,
-                phi_r_deg=targets.phi_r_deg[rows], rtol=rtol,
+                phi_r_deg=targets.phi_r_deg[rows], rtol=rtol, effects=effects,
             )
         )  # fmt: skip
     return values[:, None]

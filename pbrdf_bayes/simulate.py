@@ -8,6 +8,7 @@ from math import isfinite
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pbrdf_bayes.effects import Effects
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.measurement import (
     DHR_RANGE,
@@ -41,8 +42,9 @@ def simulate_measurement(
     dhr_noise: float = 0.0005,
     u_brdf_cal: float = 0.0,
     u_dhr_cal: float = 0.0,
+    effects: Effects | None = None,
 ) -> Measurement:
-    """Draw readings of the four-parameter model with noise.
+    """Draw readings of the model with noise.
 
     Parameters
     ----------
@@ -64,6 +66,8 @@ def simulate_measurement(
         Standard deviation of a DHR reading, in [0, 1] [1].
     u_brdf_cal, u_dhr_cal : float
         Standard deviation of the gain of a scan, and of the DHR of a polarisation, in [0, 1] [1].
+    effects : Effects, optional
+        Line shape and effects beyond the four parameters.
 
     Returns
     -------
@@ -103,13 +107,13 @@ def simulate_measurement(
         for q in polarizations:
             gain = np.exp(u_brdf_cal * rng.standard_normal())
             noise = np.exp(relative_noise * rng.standard_normal(grid.size))
-            values = brdf(parameters, theta_i, grid, q, rtol=1e-10) * gain * noise
+            values = brdf(parameters, theta_i, grid, q, rtol=1e-10, effects=effects) * gain * noise
             _readable("brdf", values, values > 0.0, "more reflectance (sigma_n0)")
             for theta_r, value in zip(grid.tolist(), values.tolist(), strict=True):
                 add("brdf", q, theta_i, theta_r, value)
     for q in polarizations if dhr_theta_i_deg else ():
         gain = 1.0 + u_dhr_cal * rng.standard_normal()
-        readings = dhr(parameters, dhr_theta_i_deg, q) * gain
+        readings = dhr(parameters, dhr_theta_i_deg, q, effects=effects) * gain
         readings += dhr_noise * rng.standard_normal(readings.size)
         low, high = DHR_RANGE
         _readable("dhr", readings, (readings >= low) & (readings <= high), "less noise")

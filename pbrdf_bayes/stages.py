@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.data_checks import DataCheck
+from pbrdf_bayes.inference.applicability import Applicability
 from pbrdf_bayes.inference.bands import Bands, Targets
+from pbrdf_bayes.inference.choose_effects import EffectsChoice
 from pbrdf_bayes.inference.diagnostics import Identifiability
 from pbrdf_bayes.inference.discrepancy_size import DiscrepancySize
 from pbrdf_bayes.inference.holdout import Holdout
@@ -49,3 +51,5 @@ class Stages:
     normalisation_error: float
     microseconds: float
     timings: Mapping[str, float]
+    applicability: Applicability
+    effects_choice: EffectsChoice | None = None

@@ -39,6 +39,7 @@ def summarise(s: Stages) -> dict[str, Any]:
         "status": "done" if s.draws.converged else "not_converged",
         "verdict": verdict,
         "headline": _headline(s, verdict),
+        "applicability": asdict(s.applicability),
         "input": _input(s),
         "config": config_table(config),
         "versions": versions(),
@@ -46,6 +47,7 @@ def summarise(s: Stages) -> dict[str, Any]:
         "seed": s.seed,
         "effects": list(config.effects),
         "line_shape": config.line_shape,
+        "effects_choice": None if s.effects_choice is None else asdict(s.effects_choice),
         "parameters": _parameters(s),
         "correlation": {
             "names": list(s.posterior.parameter_names),
@@ -86,10 +88,17 @@ def _headline(s: Stages, verdict: str) -> str:
     rms = s.least_squares[1]
     if np.isnan(rms):
         return "The four-parameter model describes the DHR readings; see what they do not identify."
+    added = f" with {', '.join(_added(s))}" if _added(s) else ""
     return (
-        f"The four-parameter model describes the readings to {rms:.3f} dex rms "
+        f"The four-parameter model{added} describes the readings to {rms:.3f} dex rms "
         f"({100 * (10**rms - 1):.1f} %), and every check passes."
     )
+
+
+def _added(s: Stages) -> list[str]:
+    """Effects and line shape beyond the 2011 paper."""
+    shape = s.posterior.config.line_shape
+    return [*s.posterior.config.effects, *([f"{shape} lobes"] if shape != "lorentzian" else [])]
 
 
 def _input(s: Stages) -> dict[str, Any]:
@@ -141,7 +150,7 @@ def _parameters(s: Stages) -> dict[str, Any]:
         values = flat[:, i]
         q025, q05, median, q95, q975 = np.quantile(values, [0.025, 0.05, 0.5, 0.95, 0.975])
         prior_sd = spec.prior.standard_deviation
-        explained = contraction(spec, values)
+        explained = 0.0 if spec.is_fixed else contraction(spec, values)
         table[spec.name] = {
             "symbol": spec.symbol, "unit": spec.unit, "description": spec.description,
             "kind": spec.kind, "mean": values.mean(), "sd": values.std(ddof=1),
@@ -150,7 +159,8 @@ def _parameters(s: Stages) -> dict[str, Any]:
             "ess_tail": draws.ess_tail[i], "rhat": draws.rhat[i],
             "mcse_mean": draws.mcse_mean[i], "prior": spec.prior.describe(),
             "prior_sd": prior_sd, "contraction": explained,
-            "identified": bool(honest.get(spec.name, explained) >= CONTRACTION_WARN),
+            "identified": spec.is_fixed
+            or bool(honest.get(spec.name, explained) >= CONTRACTION_WARN),
         }  # fmt: skip
         if spec.name in honest:
             table[spec.name]["contraction_effective"] = honest[spec.name]
@@ -171,7 +181,11 @@ def _fit(s: Stages) -> dict[str, Any]:
         },
         "rms_dex_best": {
             "overall": rms,
-            "parameters": dict(zip(s.posterior.parameter_names[:4], x[:4], strict=True)),
+            "parameters": {
+                spec.name: value
+                for spec, value in zip(s.posterior.specs, x, strict=True)
+                if spec.kind != "nuisance"
+            },
         },
         "lag1": {
             "overall": s.residuals.lag1,

@@ -13,12 +13,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pbrdf_bayes.compile_ahead import compile_ahead, likelihood_to_compile
-from pbrdf_bayes.config import ACCURACIES, RunConfig
+from pbrdf_bayes.compile_ahead import WITH_EFFECTS, compile_ahead, likelihood_to_compile
+from pbrdf_bayes.config import ACCURACIES, AUTO, RunConfig
 from pbrdf_bayes.curves import count_covered, predict_curves, predict_dhr
 from pbrdf_bayes.data_checks import DataCheck, check_measurement
 from pbrdf_bayes.errors import RunFolderError
+from pbrdf_bayes.inference.applicability import judge_applicability, repeatability_dex
 from pbrdf_bayes.inference.bands import Bands, Targets, predict_bands, scan_scales
+from pbrdf_bayes.inference.choose_effects import EffectsChoice, choose_effects
 from pbrdf_bayes.inference.diagnostics import assess_identifiability, run_diagnostics
 from pbrdf_bayes.inference.discrepancy_size import measure_discrepancy
 from pbrdf_bayes.inference.ensembles import Checkpoint
@@ -43,7 +45,6 @@ from pbrdf_bayes.io.config_toml import config_from_table, config_to_toml
 from pbrdf_bayes.io.tidy_csv import read_measurement
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.model import check_directions
-from pbrdf_bayes.physics.brdf import evaluate
 from pbrdf_bayes.report.page import render_report
 from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.resume import (
@@ -120,16 +121,28 @@ def fit(
         No start has a finite posterior density.
     """
     clock = _Clock(observer or Observer())
-    config = config or RunConfig()
+    config, choice = _chosen_effects(measurement, config or RunConfig(), seed, clock)
     with clock.stage("check"):
         checks = check_measurement(measurement)
         posterior = build_posterior(measurement, config)
-    return _fit_posterior(posterior, checks, seed, clock)
+    return _fit_posterior(posterior, checks, seed, clock, choice=choice)
+
+
+def _chosen_effects(
+    measurement: Measurement, config: RunConfig, seed: int, clock: _Clock
+) -> tuple[RunConfig, EffectsChoice | None]:
+    """The configuration with its effects named, and how they were chosen if they were."""
+    if config.effects != AUTO:
+        return config, None
+    with clock.stage("compile"):
+        compile_ahead("iid" + WITH_EFFECTS)
+    with clock.stage("choose effects"):
+        return choose_effects(measurement, config, seed=seed, told=clock.observer.stage)
 
 
 def _fit_posterior(
     posterior: Posterior, checks: tuple[DataCheck, ...], seed: int, clock: _Clock,
-    checkpoints: Checkpoints | None = None,
+    checkpoints: Checkpoints | None = None, choice: EffectsChoice | None = None,
 ) -> Analysis:  # fmt: skip
     config = posterior.config
     checkpoint = partial(stage_checkpoint, checkpoints)
@@ -162,11 +175,18 @@ def _fit_posterior(
             holdout = run_holdout(m, config, seed=seed, checkpoint=checkpoint("holdout"))
         cases = list_cases(m) if wanted == "all" else ()
         holdouts = run_cases(posterior, optima.best.x, cases, seed=seed)
+    noise = white_noise_dex(posterior)
+    applicability = judge_applicability(
+        best_rms_dex=best_rms, repeatability=repeatability_dex(m, noise),
+        bound_share=identifiability.bound_share.tolist(), names=identifiability.names,
+        holdouts=holdouts,
+    )  # fmt: skip
     diagnostics = run_diagnostics(
         config=config, draws=draws, optima=optima, residuals=best, best_rms_dex=best_rms,
-        white_noise_dex=white_noise_dex(posterior), identifiability=identifiability,
+        white_noise_dex=noise, identifiability=identifiability,
         covered=covered, holdout=holdout, discrepancy=discrepancy,
         leave_one_out=leave_one_out, sensitivity=sensitivity, holdouts=holdouts,
+        applicability=applicability,
     )  # fmt: skip
     stages = Stages(
         posterior=posterior, seed=seed, checks=checks, optima=optima, draws=draws,
@@ -176,6 +196,7 @@ def _fit_posterior(
         holdout=holdout, holdouts=holdouts, scales=scales, discrepancy=discrepancy,
         normalisation_error=_normalisation_error(posterior, optima.best.x),
         microseconds=_microseconds(posterior, optima.best.x), timings=clock.timings,
+        effects_choice=choice, applicability=applicability,
     )  # fmt: skip
     return Analysis(
         summary=summarise(stages), draws=build_tree(stages), config_toml=config_to_toml(config)
@@ -214,7 +235,7 @@ def _normalisation_error(posterior: Posterior, x: Array) -> float:
     if not len(posterior.measurement.brdf):
         return 0.0
     coarse, fine = (
-        evaluate(posterior.geometry, x[None, :], posterior.digits + extra)[0]
+        replace(posterior, digits=posterior.digits + extra).predict(x[None, :])[0]
         for extra in (0.0, 3.0)
     )
     return float(np.max(np.abs(coarse / np.maximum(fine, 1e-280) - 1.0)))
@@ -284,7 +305,8 @@ def fit_file(
             csv, sample=sample, wavelength_um=wavelength_um, brdf_floor=config.brdf_floor
         )
         checks = check_measurement(measurement)
-        posterior = build_posterior(measurement, config)
+    config, choice = _chosen_effects(measurement, config, seed, clock)
+    posterior = build_posterior(measurement, config)
     folder = out or run_folder.new_run_folder(Path("reports"), measurement.sample)
     _refuse_other_content(folder, resume=resume)
     if resume and run_folder.is_finished(folder):
@@ -297,7 +319,7 @@ def fit_file(
     with run_folder.locked(folder):
         checkpoints = open_checkpoints(folder, run_identity(posterior, seed))
         with going_on(checkpoints):
-            analysis = _fit_posterior(posterior, checks, seed, clock, checkpoints)
+            analysis = _fit_posterior(posterior, checks, seed, clock, checkpoints, choice)
             report = _render(analysis, clock)
         told = [f"sample {measurement.sample!r}, seed {seed}", *clock.log]
         log = "\n".join([*told, *history(checkpoints, analysis.summary), ""])

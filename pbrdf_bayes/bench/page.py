@@ -10,7 +10,7 @@ from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
 
 from pbrdf_bayes.bench.figures import LADDER, METHODS, PARAMETER_INKS, WORKERS, draw_figures
-from pbrdf_bayes.config import ACCURACIES, EFFECTS
+from pbrdf_bayes.config import ACCURACIES
 
 _SYMBOLS = {"sigma_n0": "σ_N0", "rho0": "ρ_0", "u_dhr": "u_DHR"}
 
@@ -46,7 +46,6 @@ def render_page(result: dict[str, Any]) -> str:
         methods=METHODS,
         ladder_methods=LADDER,
         workers=WORKERS,
-        effects=EFFECTS,
         lines=_lines(result),
         inks=PARAMETER_INKS,
         accuracies=_accuracies(result),

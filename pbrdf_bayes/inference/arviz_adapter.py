@@ -18,17 +18,20 @@ _FLAT = 1e-9
 
 def ess_bulk(draws: Array) -> Array:
     """Bulk effective sample size of each parameter, shape (n_par,)."""
-    return np.asarray(array_stats.ess(draws, chain_axis=0, draw_axis=1, method="bulk"))
+    found = np.asarray(array_stats.ess(draws, chain_axis=0, draw_axis=1, method="bulk"))
+    return np.where(_is_fixed(draws), draws[..., 0].size, found)
 
 
 def ess_tail(draws: Array) -> Array:
     """Effective sample size of the 5 % and 95 % quantiles, the smaller one, shape (n_par,)."""
-    return np.asarray(array_stats.ess(draws, chain_axis=0, draw_axis=1, method="tail", prob=_TAIL))
+    found = array_stats.ess(draws, chain_axis=0, draw_axis=1, method="tail", prob=_TAIL)
+    return np.where(_is_fixed(draws), draws[..., 0].size, np.asarray(found))
 
 
 def mcse_mean(draws: Array) -> Array:
     """Monte Carlo standard error of the mean of each parameter, shape (n_par,)."""
-    return np.asarray(array_stats.mcse(draws, chain_axis=0, draw_axis=1, method="mean"))
+    found = np.asarray(array_stats.mcse(draws, chain_axis=0, draw_axis=1, method="mean"))
+    return np.where(_is_fixed(draws), 0.0, found)
 
 
 def rhat_between(draws: Array, ensemble: NDArray[np.int64]) -> Array:
@@ -37,14 +40,22 @@ def rhat_between(draws: Array, ensemble: NDArray[np.int64]) -> Array:
     Walkers of one ensemble talk to each other: agreement among them is no evidence. ``ensemble``,
     shape (n_chains,), says which walkers form one.
     """
+    is_fixed = _is_fixed(draws)
     return np.array(
         [
-            array_stats.rhat_nested(
+            1.0
+            if is_fixed[i]
+            else array_stats.rhat_nested(
                 draws[:, :, i], superchain_ids=ensemble, chain_axis=0, draw_axis=1
             )
             for i in range(draws.shape[2])
         ]
     )
+
+
+def _is_fixed(draws: Array) -> NDArray[np.bool_]:
+    """Parameters that all draws agree upon: there is nothing to be uncertain about."""
+    return np.asarray(np.ptp(draws, axis=(0, 1)) == 0.0)
 
 
 def pareto_smooth(log_weights: Array) -> tuple[Array, float]:

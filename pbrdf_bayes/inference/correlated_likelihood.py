@@ -41,6 +41,7 @@ from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.elementary import exp, log
 from pbrdf_bayes.physics.fresnel import Surface, surface
 from pbrdf_bayes.physics.geometry import Geometry
+from pbrdf_bayes.physics.given import Given, fill_model
 from pbrdf_bayes.physics.normalisation import SLOPES, VALUES
 from pbrdf_bayes.physics.normalisation import workspace as quadrature_workspace
 
@@ -192,8 +193,9 @@ def divide_by_share(rows: Rows, law: Discrepancy, s2: Array, brdf: Array) -> tup
 
 @compiled(nogil=True)
 def correlated_log_likelihood(
-    geometry: Geometry, rows: Rows, law: Discrepancy, parameters: Array, digits: float
-) -> Array:
+    geometry: Geometry, rows: Rows, law: Discrepancy, parameters: Array, digits: float,
+    given: Given,
+) -> Array:  # fmt: skip
     """Log-likelihood of every parameter set.
 
     Parameters
@@ -206,6 +208,8 @@ def correlated_log_likelihood(
         Physical units; the first four columns are n, k, sigma_n0, rho0.
     digits : float
         Correct decimal digits of the normalisation.
+    given : Given
+        The model's values where they are not those of the four parameters.
 
     Returns
     -------
@@ -220,9 +224,7 @@ def correlated_log_likelihood(
     ws = quadrature_workspace()
     for j in range(n_sets):
         x = parameters[j]
-        surf = surface(x[0], x[1], x[2], x[3])
-        log_brdf(geometry, surf, digits, VALUES, ws, found)
-        fill_dhr(geometry, surf, dhr)
+        fill_model(geometry, given, j, x, digits, ws, found, dhr)
         total, _ = dhr_readings(rows, dhr, x[rows.dhr_noise_column], dhr_work)
         total += compare_rows(geometry, rows, law, found, x, row)
         if law.varied:

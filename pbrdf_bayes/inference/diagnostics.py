@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from pbrdf_bayes.config import RunConfig
+from pbrdf_bayes.inference.applicability import Applicability, applicability_diagnostic
 from pbrdf_bayes.inference.discrepancy_size import DiscrepancySize
 from pbrdf_bayes.inference.holdout import Holdout
 from pbrdf_bayes.inference.leave_one_out import LeaveOneOut
 from pbrdf_bayes.inference.map_fit import MapResult
-from pbrdf_bayes.inference.parameters import ParameterSpec
+from pbrdf_bayes.inference.parameter_spec import ParameterSpec
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.power_scaling import PriorSensitivity
 from pbrdf_bayes.inference.predictive_checks import (
@@ -96,7 +97,8 @@ def assess_identifiability(
         if spec.kind != "physical":
             continue
         low, high = spec.prior.quantile(np.array([BOUND_QUANTILE, 1.0 - BOUND_QUANTILE]))
-        at_low = 0.0 if spec.name == "k" else np.mean(draws[:, index] < low)  # k = 0 is physical
+        at_null = spec.null is not None and spec.null <= low  # k = 0 is physical
+        at_low = 0.0 if at_null else np.mean(draws[:, index] < low)
         names.append(spec.name)
         plain.append(contraction(spec, draws[:, index]))
         honest.append(contraction(spec, tempered[:, index]))
@@ -119,6 +121,7 @@ def run_diagnostics(
     leave_one_out: LeaveOneOut | None = None,
     sensitivity: PriorSensitivity | None = None,
     holdouts: tuple[Holdout, ...] = (),
+    applicability: Applicability | None = None,
 ) -> tuple[Diagnostic, ...]:
     """All verdicts on a run, in the order of the report; no record, no verdict."""
     checks = [
@@ -137,6 +140,8 @@ def run_diagnostics(
         checks.insert(0, _correlation(residuals, identifiability.share))
     if np.isfinite(best_rms_dex):
         checks.insert(0, _misfit(best_rms_dex, white_noise_dex))
+    if applicability is not None:
+        checks.append(applicability_diagnostic(applicability, best_rms_dex))
     if covered[1]:
         checks.append(_coverage(*covered, effective_share(residuals.lag1)))
     if leave_one_out is not None:
@@ -198,7 +203,8 @@ def _discrepancy(found: DiscrepancySize) -> Diagnostic:
     """Too large, or so long that it is a second level of the scan: the model does not apply."""
     too_long = found.tau > DISCREPANCY_WARN and found.ell_deg > 0.5 * found.span_deg
     verdict = FAIL if too_long else grade(found.tau, DISCREPANCY_WARN, DISCREPANCY_FAIL)
-    factors = [found.sd[name] / found.sd_if_independent[name] for name in found.sd]
+    claimed = found.sd_if_independent
+    factors = [found.sd[name] / claimed[name] for name in found.sd if claimed[name] > 0.0]
     statement = (
         f"Along a scan the model is off by {found.size_dex:.3f} dex ({found.size_percent:.1f} %), "
         f"over lengths of {found.ell_deg:.0f} deg; the white noise is "

@@ -77,16 +77,18 @@ def measure_discrepancy(posterior: Posterior, draws: Array, *, seed: int) -> Dis
         size_dex=median["tau"] / log(10.0),
         size_percent=100.0 * (exp(median["tau"]) - 1.0),
         sd=dict(zip(PHYSICAL, sd, strict=False)),
-        sd_if_independent=dict(zip(PHYSICAL, _sd_if_independent(posterior, seed), strict=False)),
+        sd_if_independent=_sd_if_independent(posterior, seed),
     )
 
 
-def _sd_if_independent(posterior: Posterior, seed: int) -> list[float]:
-    """Laplace standard deviations of all parameters under the i.i.d. likelihood."""
+def _sd_if_independent(posterior: Posterior, seed: int) -> dict[str, float]:
+    """Laplace standard deviations of the four parameters under the i.i.d. likelihood."""
     config = posterior.config
     priors = {name: table for name, table in config.priors.items() if name not in DISCREPANCY}
     plain = build_posterior(posterior.measurement, replace(config, noise="iid", priors=priors))
     optima = find_map(plain, n_starts=_N_STARTS, seed=seed)
     factor = laplace_mixture(plain, optima).factors[0]
-    sd = np.sqrt(np.sum(factor**2, axis=1)) * np.where(plain.is_log, optima.best.x, 1.0)
-    return [float(value) for value in sd]
+    free = optima.best.x[plain.free]
+    sd = np.sqrt(np.sum(factor**2, axis=1)) * np.where(plain.is_log, free, 1.0)
+    found = dict(zip([plain.parameter_names[i] for i in plain.free], sd.tolist(), strict=True))
+    return {name: found.get(name, 0.0) for name in PHYSICAL}

@@ -45,6 +45,7 @@ from pbrdf_bayes.physics.brdf import buffers, fill_dhr, log_brdf
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.fresnel import surface
 from pbrdf_bayes.physics.geometry import Geometry
+from pbrdf_bayes.physics.given import Given, fill_model
 from pbrdf_bayes.physics.normalisation import SLOPES, VALUES
 from pbrdf_bayes.physics.normalisation import workspace as quadrature_workspace
 
@@ -154,8 +155,9 @@ def _gather_exact(
 
 @compiled(nogil=True)
 def filtered_log_likelihood(
-    geometry: Geometry, rows: Rows, filtered: Filtered, parameters: Array, digits: float
-) -> Array:
+    geometry: Geometry, rows: Rows, filtered: Filtered, parameters: Array, digits: float,
+    given: Given,
+) -> Array:  # fmt: skip
     """Log-likelihood of every parameter set.
 
     Parameters
@@ -167,6 +169,8 @@ def filtered_log_likelihood(
         Physical units; the first four columns are n, k, sigma_n0, rho0.
     digits : float
         Correct decimal digits of the normalisation.
+    given : Given
+        The model's values where they are not those of the four parameters.
 
     Returns
     -------
@@ -184,9 +188,7 @@ def filtered_log_likelihood(
     for j in range(n_sets):
         x = parameters[j]
         tau, ell = _column(x, law.tau_column, 0.0), _column(x, law.ell_column, 1.0)
-        surf = surface(x[0], x[1], x[2], x[3])
-        log_brdf(geometry, surf, digits, VALUES, ws, found)
-        fill_dhr(geometry, surf, dhr)
+        fill_model(geometry, given, j, x, digits, ws, found, dhr)
         total, _ = dhr_readings(rows, dhr, x[rows.dhr_noise_column], dhr_work)
         total += compare_rows(geometry, rows, law, found, x, row)
         _fill_variance(rows, law, row, x, variance)
@@ -275,13 +277,13 @@ class FilterState(NamedTuple):
 
 @compiled(nogil=True)
 def filter_state(
-    geometry: Geometry, rows: Rows, filtered: Filtered, x: Array, digits: float
+    geometry: Geometry, rows: Rows, filtered: Filtered, x: Array, digits: float, given: Given
 ) -> FilterState:
     """Predictions of the readings that are filtered, and the gains of their scans.
 
     Parameters
     ----------
-    geometry, rows, filtered, digits
+    geometry, rows, filtered, digits, given
         As for `filtered_log_likelihood`.
     x : ndarray, shape (n_par,)
         Physical units.
@@ -293,8 +295,8 @@ def filter_state(
     law, n_scans = filtered.law, rows.noise_column.size
     found = buffers(geometry.directions.shape[1], geometry.incidences.shape[0], VALUES)
     row = rowwise(rows.y.size, law.noise_column.size)
-    surf = surface(x[0], x[1], x[2], x[3])
-    log_brdf(geometry, surf, digits, VALUES, quadrature_workspace(), found)
+    dhr = np.empty(rows.dhr.size)
+    fill_model(geometry, given, 0, x, digits, quadrature_workspace(), found, dhr)
     compare_rows(geometry, rows, law, found, x, row)
     variance, moments = np.empty(rows.y.size), np.zeros((2, rows.y.size))
     _fill_variance(rows, law, row, x, variance)

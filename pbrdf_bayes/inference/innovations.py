@@ -51,7 +51,8 @@ def standardised_innovations(posterior: Posterior, x: ArrayLike, rng: np.random.
         return np.zeros(0)
     point = np.ascontiguousarray(x, dtype=np.float64)
     rows = posterior.rows
-    state = filter_state(posterior.geometry, rows, filtered, point, posterior.digits)
+    given = posterior.given(point[None, :])
+    state = filter_state(posterior.geometry, rows, filtered, point, posterior.digits, given)
     result = np.empty(rows.y.size)
     mixture = noise_mixture(posterior.config)
     fill_cdf(state.innovation, state.predicted, state.variance, mixture, result)
@@ -67,7 +68,8 @@ def draw_gains(
     From the state of the filter behind the last reading of the group: a censored or Student-t
     reading counts as the normal one that it was matched with.
     """
-    state = filter_state(posterior.geometry, posterior.rows, filtered, x, posterior.digits)
+    g, rows, given = posterior.geometry, posterior.rows, posterior.given(x[None, :])
+    state = filter_state(g, rows, filtered, x, posterior.digits, given)
     values, vectors = np.linalg.eigh(state.gain_cov)
     step = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(values.size))
     return np.asarray(np.exp(state.gain + step))

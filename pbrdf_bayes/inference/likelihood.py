@@ -38,6 +38,7 @@ from pbrdf_bayes.physics.brdf import (
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.fresnel import surface
 from pbrdf_bayes.physics.geometry import Geometry
+from pbrdf_bayes.physics.given import Given, fill_model
 from pbrdf_bayes.physics.normalisation import SLOPES, VALUES, workspace
 
 Array = NDArray[np.float64]
@@ -122,7 +123,9 @@ def dhr_readings(rows: Rows, model: Array, u_dhr: float, slopes: Array) -> tuple
 
 
 @compiled(nogil=True)
-def iid_log_likelihood(geometry: Geometry, rows: Rows, parameters: Array, digits: float) -> Array:
+def iid_log_likelihood(
+    geometry: Geometry, rows: Rows, parameters: Array, digits: float, given: Given
+) -> Array:
     """Log-likelihood of every parameter set.
 
     Parameters
@@ -133,6 +136,8 @@ def iid_log_likelihood(geometry: Geometry, rows: Rows, parameters: Array, digits
         Physical units; the first four columns are n, k, sigma_n0, rho0.
     digits : float
         Correct decimal digits of the normalisation.
+    given : Given
+        The model's values where they are not those of the four parameters.
 
     Returns
     -------
@@ -147,9 +152,7 @@ def iid_log_likelihood(geometry: Geometry, rows: Rows, parameters: Array, digits
     ws = workspace()
     for j in range(n_sets):
         x = parameters[j]
-        surf = surface(x[0], x[1], x[2], x[3])
-        log_brdf(geometry, surf, digits, VALUES, ws, found)
-        fill_dhr(geometry, surf, dhr)
+        fill_model(geometry, given, j, x, digits, ws, found, dhr)
         total, _ = dhr_readings(rows, dhr, x[rows.dhr_noise_column], dhr_work)
         for scan in range(rows.noise_column.size):
             a, b = rows.scan_start[scan], rows.scan_start[scan + 1]

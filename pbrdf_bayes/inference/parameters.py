@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.config import RunConfig, did_you_mean
 from pbrdf_bayes.errors import ConfigError
+from pbrdf_bayes.inference.effect_parameters import effect_specs
+from pbrdf_bayes.inference.parameter_spec import ParameterSpec
 from pbrdf_bayes.inference.priors import NOISE_PRIORS, PRESETS, Prior, prior_from_table
 from pbrdf_bayes.measurement import Measurement
 
@@ -18,28 +20,6 @@ Array = NDArray[np.float64]
 PHYSICAL = ("n", "k", "sigma_n0", "rho0")
 DISCREPANCY = ("tau", "ell_deg")
 """Amplitude and length of the correlated misfit; a flat prior of either would replace the model."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ParameterSpec:
-    """One inferred parameter.
-
-    Attributes
-    ----------
-    name, symbol, unit, description : str
-    kind : {"physical", "nuisance"}
-    prior : Prior
-    log_coordinate : bool
-        Optimiser and sampler move in the logarithm of the parameter.
-    """
-
-    name: str
-    symbol: str
-    unit: str
-    description: str
-    kind: str
-    prior: Prior
-    log_coordinate: bool = False
 
 
 _PHYSICAL = {
@@ -64,9 +44,11 @@ def parameter_specs(measurement: Measurement, config: RunConfig) -> tuple[Parame
         ParameterSpec(
             name=name, symbol=symbol, unit="1", description=text, kind="physical",
             prior=PRESETS[config.prior][name], log_coordinate=log_coordinate,
+            null=0.0 if name == "k" else None,
         )
         for name, (symbol, text, log_coordinate) in _PHYSICAL.items()
     ]  # fmt: skip
+    specs += effect_specs(config)
     present = {scan.polarization for scan in measurement.scans}
     specs += [
         ParameterSpec(
@@ -97,7 +79,8 @@ def parameter_specs(measurement: Measurement, config: RunConfig) -> tuple[Parame
                 prior=NOISE_PRIORS["u_dhr"],
             )
         )  # fmt: skip
-    return tuple(_with_user_prior(spec, config.priors) for spec in _known(specs, config.priors))
+    chosen = [_with_user_prior(spec, config.priors) for spec in _known(specs, config.priors)]
+    return tuple(replace(spec, kind="fixed") if spec.is_fixed else spec for spec in chosen)
 
 
 def _resolved(prior: Prior, measurement: Measurement) -> Prior:
@@ -132,4 +115,4 @@ def _with_user_prior(spec: ParameterSpec, priors: Mapping[str, Any]) -> Paramete
             "Give a lognormal one, e.g. {kind = 'lognormal', median = 0.05, factor = 2.7}"
         )
         raise ConfigError(msg)
-    return ParameterSpec(**{**spec.__dict__, "prior": prior})
+    return replace(spec, prior=prior)

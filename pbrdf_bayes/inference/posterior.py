@@ -16,6 +16,7 @@ from pbrdf_bayes.inference.correlated_likelihood import (
     correlated_log_likelihood,
     prepare_discrepancy,
 )
+from pbrdf_bayes.inference.effect_parameters import build_scene
 from pbrdf_bayes.inference.filtered_likelihood import (
     Filtered,
     filtered_gradient,
@@ -23,14 +24,21 @@ from pbrdf_bayes.inference.filtered_likelihood import (
     prepare_filtered,
 )
 from pbrdf_bayes.inference.likelihood import iid_gradient, iid_log_likelihood
-from pbrdf_bayes.inference.parameters import ParameterSpec, parameter_specs
+from pbrdf_bayes.inference.parameter_spec import ParameterSpec
+from pbrdf_bayes.inference.parameters import parameter_specs
 from pbrdf_bayes.inference.rows import RELATIVE_SCALE, Rows, prepare_rows
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.model import digits_of
 from pbrdf_bayes.physics.brdf import evaluate
 from pbrdf_bayes.physics.geometry import Geometry, prepare_geometry
+from pbrdf_bayes.physics.given import NOTHING_GIVEN, Given
+from pbrdf_bayes.physics.scattering import conserves_energy, evaluate_scene, evaluate_with_effects
+from pbrdf_bayes.physics.scene import Scene
 
 Array = NDArray[np.float64]
+
+_FINER_DIGITS = 4.0
+_STEP = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +61,13 @@ class Posterior:
         Groups of rows that need assumed-density filtering; None without any.
     weight : float
         Power of the likelihood, 1 for the posterior; see `tempered`.
+    scene : Scene or None
+        Line shape and effects; None for exactly the four-parameter model.
 
     Notes
     -----
     ``x`` always has shape (n_sets, n_par) and physical units. The sampler and the optimiser move in
-    ``z``: the same columns, with the logarithm where the specification says so.
+    ``z``: the columns that are not fixed, with the logarithm where the specification says so.
     """
 
     specs: tuple[ParameterSpec, ...]
@@ -69,6 +79,7 @@ class Posterior:
     discrepancy: Discrepancy | None = None
     weight: float = 1.0
     filtered: Filtered | None = None
+    scene: Scene | None = None
 
     @cached_property
     def parameter_names(self) -> tuple[str, ...]:
@@ -81,27 +92,57 @@ class Posterior:
         return len(self.specs)
 
     @cached_property
+    def free(self) -> NDArray[np.int64]:
+        """Columns of x that are not fixed, in the order of those of z, shape (n_free,)."""
+        return np.flatnonzero([not spec.is_fixed for spec in self.specs])
+
+    @cached_property
+    def of_model(self) -> NDArray[np.int64]:
+        """Columns of z that the model and not the noise depends on."""
+        return np.flatnonzero([self.specs[i].kind != "nuisance" for i in self.free])
+
+    @cached_property
     def is_log(self) -> NDArray[np.bool_]:
-        """Which columns of z are logarithms, shape (n_par,)."""
-        return np.array([spec.log_coordinate for spec in self.specs])
+        """Which columns of z are logarithms, shape (n_free,)."""
+        return np.array([self.specs[i].log_coordinate for i in self.free])
 
     def log_prior(self, x: ArrayLike) -> Array:
-        """Natural log of the normalised prior density, shape (n_sets,)."""
-        columns = self._checked(x).T
-        parts = [spec.prior.log_density(v) for spec, v in zip(self.specs, columns, strict=True)]
-        return np.asarray(np.sum(parts, axis=0))
+        """Natural log of the normalised prior density, shape (n_sets,).
+
+        With effects -inf where the sample would reflect more than it receives; the mass lost there
+        is not put back into the norm.
+        """
+        x = self._checked(x)
+        parts = [spec.prior.log_density(v) for spec, v in zip(self.specs, x.T, strict=True)]
+        found = np.asarray(np.sum(parts, axis=0))
+        if self.scene is not None:
+            inside = np.isfinite(found)
+            allowed = conserves_energy(self.geometry, self.scene, x[inside])
+            found[inside] = np.where(allowed, found[inside], -np.inf)
+        return found
 
     def log_likelihood(self, x: ArrayLike) -> Array:
         """Natural log of the likelihood, shape (n_sets,).
 
         Only for parameters inside the support of the prior: the model is computed nowhere else.
         """
-        g, rows, law, x = self.geometry, self.rows, self.discrepancy, self._checked(x)
+        return self._log_likelihood(self._checked(x), self.digits)
+
+    def _log_likelihood(self, x: Array, digits: float) -> Array:
+        g, rows, law, given = self.geometry, self.rows, self.discrepancy, self.given(x, digits)
         if self.filtered is not None:
-            return self.weight * filtered_log_likelihood(g, rows, self.filtered, x, self.digits)
-        if law is None:
-            return self.weight * iid_log_likelihood(g, rows, x, self.digits)
-        return self.weight * correlated_log_likelihood(g, rows, law, x, self.digits)
+            found = filtered_log_likelihood(g, rows, self.filtered, x, digits, given)
+        elif law is None:
+            found = iid_log_likelihood(g, rows, x, digits, given)
+        else:
+            found = correlated_log_likelihood(g, rows, law, x, digits, given)
+        return np.asarray(self.weight * found)
+
+    def given(self, x: Array, digits: float | None = None) -> Given:
+        """Values of a model with effects at the rows, nothing for the four-parameter model."""
+        if self.scene is None:
+            return NOTHING_GIVEN
+        return Given(*evaluate_scene(self.geometry, self.scene, x, digits or self.digits))
 
     def tempered(self, weight: float) -> Posterior:
         """The same posterior with the likelihood raised to a power: weaker evidence.
@@ -126,7 +167,8 @@ class Posterior:
     def log_prob_gradient(self, x: ArrayLike) -> tuple[Array, Array]:
         """`log_prob` and its derivatives by ``x``, shapes (n_sets,) and (n_sets, n_par).
 
-        Analytic, from the same pass; zero slope where the density is zero.
+        Analytic, from the same pass; for a model with effects by central differences of a finer
+        quadrature. Zero slope where the density is zero.
         """
         x = self._checked(x)
         values = self.log_prior(x)
@@ -134,22 +176,46 @@ class Posterior:
             [spec.prior.slope(v) for spec, v in zip(self.specs, x.T, strict=True)], axis=1
         )
         inside = np.isfinite(values)
-        g, rows, law = self.geometry, self.rows, self.discrepancy
-        likelihood, likelihood_slopes = (
-            filtered_gradient(g, rows, self.filtered, x[inside], self.digits)
-            if self.filtered is not None
-            else iid_gradient(g, rows, x[inside], self.digits)
-            if law is None
-            else correlated_gradient(g, rows, law, x[inside], self.digits)
-        )
+        likelihood, likelihood_slopes = self._likelihood_gradient(x[inside])
         values[inside] += self.weight * likelihood
         slopes[inside] += self.weight * likelihood_slopes
         values[~(values < np.inf)] = -np.inf
         return values, np.where(np.isfinite(values)[:, None], slopes, 0.0)
 
+    def _likelihood_gradient(self, x: Array) -> tuple[Array, Array]:
+        g, rows, law = self.geometry, self.rows, self.discrepancy
+        if self.scene is not None:
+            return self._differences(x)
+        if self.filtered is not None:
+            return filtered_gradient(g, rows, self.filtered, x, self.digits)
+        if law is None:
+            return iid_gradient(g, rows, x, self.digits)
+        return correlated_gradient(g, rows, law, x, self.digits)
+
+    def _differences(self, x: Array) -> tuple[Array, Array]:
+        """Log-likelihood and central differences; at a bound one-sided, from inside."""
+        slopes = np.zeros(x.shape)
+        digits = min(self.digits + _FINER_DIGITS, 12.0)
+        values = self._log_likelihood(x, self.digits) / self.weight
+        for i in self.free:
+            spec = self.specs[i]
+            step = _STEP * (np.abs(x[:, i]) if spec.log_coordinate else 1.0)
+            below, above = x.copy(), x.copy()
+            below[:, i] = np.maximum(x[:, i] - step, spec.prior.low)
+            above[:, i] = np.minimum(x[:, i] + step, spec.prior.high)
+            ends = self._log_likelihood(np.concatenate([above, below]), digits) / self.weight
+            slopes[:, i] = (ends[: len(x)] - ends[len(x) :]) / (above[:, i] - below[:, i])
+        return values, slopes
+
     def sample_prior(self, rng: np.random.Generator, size: int) -> Array:
         """Independent draws of the prior, shape (size, n_par)."""
-        return self.prior_quantile(rng.random((size, self.n_par)))
+        found = self.prior_quantile(rng.random((size, self.n_par)))
+        if self.scene is not None:
+            bad = ~conserves_energy(self.geometry, self.scene, found)
+            while bad.any():
+                found[bad] = self.prior_quantile(rng.random((int(bad.sum()), self.n_par)))
+                bad = ~conserves_energy(self.geometry, self.scene, found)
+        return found
 
     def prior_quantile(self, probability: Array) -> Array:
         """Parameters at cumulative prior probabilities, both of shape (n_sets, n_par)."""
@@ -157,12 +223,19 @@ class Posterior:
         return np.stack([spec.prior.quantile(p) for spec, p in columns], axis=1)
 
     def to_coordinates(self, x: Array) -> Array:
-        """Sampling coordinates z of parameters, same shape."""
-        return np.where(self.is_log, np.log(np.where(self.is_log, x, 1.0)), x)
+        """Sampling coordinates z, shape (..., n_free), of parameters (..., n_par)."""
+        free = x[..., self.free]
+        return np.where(self.is_log, np.log(np.where(self.is_log, free, 1.0)), free)
 
     def from_coordinates(self, z: Array) -> Array:
-        """Parameters at sampling coordinates z, same shape."""
-        return np.where(self.is_log, np.exp(np.where(self.is_log, np.minimum(z, 300.0), 0.0)), z)
+        """Parameters (..., n_par) at sampling coordinates z (..., n_free)."""
+        free = np.where(self.is_log, np.exp(np.where(self.is_log, np.minimum(z, 300.0), 0.0)), z)
+        if len(self.free) == self.n_par:
+            return free
+        x = np.empty((*z.shape[:-1], self.n_par))
+        x[...] = [spec.prior.mean for spec in self.specs]
+        x[..., self.free] = free
+        return x
 
     def log_prob_coordinates(self, z: Array) -> Array:
         """Log-density in the coordinates z, the Jacobian included, shape (n_sets,)."""
@@ -173,11 +246,15 @@ class Posterior:
         """`log_prob` of the parameters at z, and its derivatives by z (no Jacobian)."""
         x = self.from_coordinates(z)
         values, slopes = self.log_prob_gradient(x)
-        return values, np.where(self.is_log, slopes * x, slopes)
+        free, slopes = x[:, self.free], slopes[:, self.free]
+        return values, np.where(self.is_log, slopes * free, slopes)
 
     def predict(self, x: ArrayLike, geometry: Geometry | None = None) -> tuple[Array, Array]:
         """Model BRDF [sr^-1] and DHR [1] of the rows, shapes (n_sets, n_brdf), (n_sets, n_dhr)."""
-        return evaluate(geometry or self.geometry, self._checked(x), self.digits)
+        g, x = geometry or self.geometry, self._checked(x)
+        if self.scene is None:
+            return evaluate(g, x, self.digits)
+        return evaluate_with_effects(g, self.scene, x, self.digits)
 
     def _checked(self, x: ArrayLike) -> Array:
         array = np.ascontiguousarray(x, dtype=np.float64)
@@ -250,4 +327,5 @@ def build_posterior(measurement: Measurement, config: RunConfig) -> Posterior:
     return Posterior(
         specs, measurement, config, geometry, rows, digits_of(config.rtol), discrepancy,
         filtered=prepare_filtered(measurement, rows, config, discrepancy),
+        scene=build_scene(config, tuple(columns)),
     )  # fmt: skip

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.inference.arviz_adapter import power_scaling
-from pbrdf_bayes.inference.parameters import ParameterSpec
+from pbrdf_bayes.inference.parameter_spec import ParameterSpec
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.sampling import Draws
 

@@ -23,13 +23,14 @@ _SPARE = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Prior:
-    """A truncated normal, log-normal, uniform or log-uniform density on [low, high].
+    """A truncated normal, log-normal, uniform or log-uniform density on [low, high], or one value.
 
     Attributes
     ----------
-    kind : {"normal", "lognormal", "uniform", "loguniform"}
+    kind : {"normal", "lognormal", "uniform", "loguniform", "fixed"}
     mean, sd : float
-        Of the value (normal) or of its natural logarithm (lognormal), before truncation.
+        Of the value (normal) or of its natural logarithm (lognormal), before truncation; ``mean``
+        is the value where it is fixed.
     low, high : float
         Support.
     """
@@ -73,7 +74,12 @@ class Prior:
         return -log(self.sd * sqrt(2.0 * pi)) - log(b - a)
 
     def log_density(self, values: Array) -> Array:
-        """Natural log of the normalised density; -inf outside the support."""
+        """Natural log of the normalised density; -inf outside the support.
+
+        Zero at the value where there is only one.
+        """
+        if self.kind == "fixed":
+            return np.where(values == self.mean, 0.0, -np.inf)
         inside = (values >= self.low) & (values <= self.high)
         safe = np.where(
             inside, values, 0.5 * (self.low + self.high) if isfinite(self.high) else 1.0
@@ -88,6 +94,8 @@ class Prior:
 
     def slope(self, values: Array) -> Array:
         """Derivative of the log-density by the value; 0 outside the support."""
+        if self.kind == "fixed":
+            return np.zeros(values.shape)
         inside = (values >= self.low) & (values <= self.high) & ((values > 0.0) | (not self.is_log))
         safe = np.where(inside, values, 1.0)
         v = np.log(safe) if self.is_log else safe
@@ -96,6 +104,8 @@ class Prior:
 
     def quantile(self, probability: Array) -> Array:
         """Value at a cumulative probability."""
+        if self.kind == "fixed":
+            return np.full(np.shape(probability), self.mean)
         low, high = self._limits
         if self._is_normal:
             a, b = self.cdf_limits
@@ -113,6 +123,8 @@ class Prior:
     def describe(self) -> str:
         """The prior in words, as the report prints it."""
         support = f"[{self.low:g}, {self.high:g}]"
+        if self.kind == "fixed":
+            return f"fixed at {self.mean:g}"
         if self.kind == "uniform":
             return f"Uniform{support}"
         if self.kind == "loguniform":
@@ -161,8 +173,8 @@ NOISE_PRIORS: Mapping[str, Prior] = {
 amplitude and length of the discrepancy."""
 
 _SHORTHAND = {"halfnormal": "normal"}
-_KEYS = ("kind", "mean", "sd", "low", "high", "median", "factor")
-_KINDS = ("normal", "halfnormal", "lognormal", "uniform", "loguniform")
+_KEYS = ("kind", "mean", "sd", "low", "high", "median", "factor", "value")
+_KINDS = ("normal", "halfnormal", "lognormal", "uniform", "loguniform", "fixed")
 
 
 def prior_from_table(name: str, table: Mapping[str, Any], default: Prior) -> Prior:
@@ -173,8 +185,9 @@ def prior_from_table(name: str, table: Mapping[str, Any], default: Prior) -> Pri
     name : str
         Parameter, for messages.
     table : mapping
-        ``kind`` and its numbers; ``lognormal`` takes ``median`` and ``factor`` (exp of the standard
-        deviation of the logarithm). Missing limits are those of ``default``.
+        ``kind`` and its numbers; ``fixed`` takes a ``value``, ``lognormal`` takes ``median`` and
+        ``factor`` (exp of the standard deviation of the logarithm). Missing limits are those of
+        ``default``.
     default : Prior
 
     Returns
@@ -201,6 +214,9 @@ def prior_from_table(name: str, table: Mapping[str, Any], default: Prior) -> Pri
     if low >= high:
         msg = f"priors.{name}: low = {low:g} is not below high = {high:g}"
         raise ConfigError(msg)
+    if kind == "fixed":
+        value = _number(name, table, "value", None, low, high)
+        return Prior(kind=kind, mean=value, low=low, high=high)
     if kind in ("uniform", "loguniform"):
         if kind == "loguniform" and low <= 0.0:
             msg = f"priors.{name}: loguniform needs low > 0, not {low:g}"

@@ -242,7 +242,7 @@ def _start_ensembles(
     """Over-dispersed walkers of every ensemble; they explore first where the proposal is poor."""
     exploring = method == "psis" or not _covers(quick)
     seeds = _ensemble_seeds(config, seed)
-    n_walkers = max(config.n_walkers, 2 * ceil(_FEWEST_WALKERS * posterior.n_par / 2))
+    n_walkers = max(config.n_walkers, 2 * ceil(_FEWEST_WALKERS * posterior.free.size / 2))
     starts = [start_walkers(posterior, mixture, n_walkers, s) for s in seeds]
     return begin(
         starts, _ensemble_seeds(config, seed + 1) if exploring else seeds, mixture, quick,
@@ -272,7 +272,7 @@ def _explore(
         threads=config.threads, checkpoint=checkpoint,
     )  # fmt: skip
     checkpoint.keep(state, True)
-    z = state.z[:, _EXPLORED_STEPS // 2 :].reshape(-1, posterior.n_par)
+    z = state.z[:, _EXPLORED_STEPS // 2 :].reshape(-1, posterior.free.size)
     rng = np.random.default_rng([seed, 9])
     mixture = fit_mixture(z, np.full(len(z), 1.0 / len(z)), _EXPLORED_COMPONENTS, rng)
     if n_optima > 1:  # a walk may have left a mode too soon
@@ -332,7 +332,7 @@ def start_walkers(posterior: Posterior, mixture: Mixture, n_walkers: int, seed: 
 def _summarise(posterior: Posterior, state: SamplerState) -> Draws:
     """Diagnostics of all steps after burn-in."""
     n_ensembles, n_walkers = state.starts.shape[:2]
-    chains = state.z.swapaxes(1, 2).reshape(n_ensembles * n_walkers, -1, posterior.n_par)
+    chains = state.z.swapaxes(1, 2).reshape(n_ensembles * n_walkers, -1, posterior.free.size)
     log_prob = state.log_prob.swapaxes(1, 2).reshape(len(chains), -1)
     n_steps = chains.shape[1]
     ensemble = np.repeat(np.arange(n_ensembles), n_walkers)

@@ -10,6 +10,9 @@ from pbrdf_bayes.inference.importance import K_HAT_LIMIT
 MISFIT_WARN_DEX = 0.05
 MISFIT_FAIL_DEX = 0.10
 NOISE_RATIO_WARN = 3.0
+REPEATABILITY_RATIO = 3.0
+"""Rms of the fit over the repeatability of the readings: beyond, the model only describes them."""
+HELD_OUT_FAIL_DEX = 0.10
 LAG1_WARN = 0.2
 LAG1_FAIL = 0.5
 DISCREPANCY_WARN = 0.08

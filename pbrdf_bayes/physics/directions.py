@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from math import cos, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from pbrdf_bayes.physics.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -40,36 +43,42 @@ def prepare_directions(theta_i: Array, theta_r: Array, phi_r: Array) -> Directio
     Directions
         Arrays of shape (n,), with full relative accuracy towards grazing and at the specular peak.
     """
-    out_of_line = 2.0 * np.sin(0.5 * phi_r) ** 2  # 1 - cos(phi_r)
-    beta = np.sin(theta_r) * np.sin(phi_r)
-    alpha = np.sin(theta_r) * np.cos(phi_r)
-    shortfall = _one_minus_sine(theta_r) + np.sin(theta_r) * out_of_line  # 1 - alpha
-    root_alpha = np.where(
-        out_of_line == 0.0, np.abs(np.cos(theta_r)), _root(np.maximum(shortfall, 0.0), 1.0 + alpha)
-    )
-    offset = (
-        2.0 * np.cos(0.5 * (theta_r + theta_i)) * np.sin(0.5 * (theta_r - theta_i))
-        - np.sin(theta_r) * out_of_line
-    )
-    mean_shortfall = 0.5 * (np.maximum(shortfall, 0.0) + _one_minus_sine(theta_i))
-    x = 0.5 * (alpha + np.sin(theta_i))
-    root_beta = _root(1.0 - beta, 1.0 + beta)
-    return Directions(
-        x=x,
-        c=_root(mean_shortfall, 1.0 + x),
-        offset=offset,
-        h=0.25 * (np.cos(theta_i) + root_alpha) ** 2,
-        beta_x=0.5 * beta,
-        beta_c=_root(1.0 - 0.5 * beta, 1.0 + 0.5 * beta),
-        beta_offset=beta,
-        beta_h=0.25 * (1.0 + root_beta) ** 2,
-    )
+    out = np.empty((8, theta_i.size))
+    fill_directions(theta_i, theta_r, phi_r, out)
+    return Directions(*out)
 
 
-def _one_minus_sine(theta: Array) -> Array:
+@compiled()
+def fill_directions(theta_i: Array, theta_r: Array, phi_r: Array, out: Array) -> None:
+    """The fields of `Directions` as the rows of ``out``, shape (8, n)."""
+    for i in range(theta_i.size):
+        t_i, t_r, sin_r = theta_i[i], theta_r[i], sin(theta_r[i])
+        out_of_line = 2.0 * sin(0.5 * phi_r[i]) ** 2  # 1 - cos(phi_r)
+        beta = sin_r * sin(phi_r[i])
+        alpha = sin_r * cos(phi_r[i])
+        shortfall = max(_one_minus_sine(t_r) + sin_r * out_of_line, 0.0)  # 1 - alpha
+        root_alpha = abs(cos(t_r)) if out_of_line == 0.0 else _root(shortfall, 1.0 + alpha)
+        offset = 2.0 * cos(0.5 * (t_r + t_i)) * sin(0.5 * (t_r - t_i)) - sin_r * out_of_line
+        mean_shortfall = 0.5 * (shortfall + _one_minus_sine(t_i))
+        x = 0.5 * (alpha + sin(t_i))
+        root_beta = _root(1.0 - beta, 1.0 + beta)
+        out[0, i] = x
+        out[1, i] = _root(mean_shortfall, 1.0 + x)
+        out[2, i] = offset
+        out[3, i] = 0.25 * (cos(t_i) + root_alpha) ** 2
+        out[4, i] = 0.5 * beta
+        out[5, i] = _root(1.0 - 0.5 * beta, 1.0 + 0.5 * beta)
+        out[6, i] = beta
+        out[7, i] = 0.25 * (1.0 + root_beta) ** 2
+
+
+@compiled(inline=True)
+def _one_minus_sine(theta: float) -> float:
     """1 - sin(theta) without cancellation: 2 sin^2((pi/2 - theta)/2)."""
-    return 2.0 * np.sin(0.25 * np.pi - 0.5 * theta) ** 2
+    half = sin(0.25 * pi - 0.5 * theta)
+    return 2.0 * half * half
 
 
-def _root(a: Array, b: Array) -> Array:
-    return np.asarray(np.sqrt(np.maximum(a, 0.0) * np.maximum(b, 0.0)))
+@compiled(inline=True)
+def _root(a: float, b: float) -> float:
+    return sqrt(max(a, 0.0) * max(b, 0.0))

@@ -39,6 +39,9 @@ class Geometry(NamedTuple):
     dhr_sine: Array
     dhr_cosine: Array
     dhr_polarization: Index
+    angles: Array
+    """(3, n_directions): theta_i, theta_r, phi_r [rad]."""
+    dhr_theta_i: Array
 
 
 def polarization_codes(polarization: NDArray[np.str_]) -> Index:
@@ -94,6 +97,8 @@ def prepare_geometry(
         dhr_sine=np.sin(dhr_theta_i),
         dhr_cosine=np.cos(dhr_theta_i),
         dhr_polarization=polarization_codes(dhr_polarization),
+        angles=np.ascontiguousarray(distinct.T),
+        dhr_theta_i=np.asarray(dhr_theta_i, dtype=np.float64),
     )
 
 

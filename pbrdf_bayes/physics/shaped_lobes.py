@@ -51,9 +51,9 @@ Array = NDArray[np.float64]
 
 MEAN_SINE, GEOMETRIC_MEAN, MEAN_ANGLE = range(3)
 FRESNEL_AT = {
-    "mean_sine": MEAN_SINE,
-    "geometric_mean": GEOMETRIC_MEAN,
-    "mean_angle": MEAN_ANGLE,
+    "mean-sine": MEAN_SINE,
+    "geometric-mean": GEOMETRIC_MEAN,
+    "mean-angle": MEAN_ANGLE,
 }
 """Codes by name."""
 NARROWING_RANGE = (0.0, 2.0)

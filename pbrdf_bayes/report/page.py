@@ -121,6 +121,8 @@ def _context(analysis: Analysis) -> dict[str, Any]:
         "warnings": summary["input"]["warnings"],
         "data_facts": texts.data_facts(summary),
         "model_text": texts.model_text(summary),
+        "effects_choice": summary.get("effects_choice"),
+        "effect_rows": tables.effect_rows(summary),
         "sampling": texts.facts(summary["sampling"]),
         "accuracy": texts.facts(summary["accuracy"]),
         "timings": texts.timing_rows(summary),

@@ -318,6 +318,20 @@ def case_rows(summary: Record) -> list[tuple[str, ...]]:
     ]  # fmt: skip
 
 
+def effect_rows(summary: Record) -> list[tuple[str, ...]]:
+    """One line per candidate: chosen or not, what, how it fits, predicts and costs."""
+    found = summary.get("effects_choice") or {}
+    return [
+        (
+            "chosen" if c["chosen"] else "", str(c["name"]), count(c["n_free"]),
+            number(c["rms_dex"], digits=2), number(c["held_out_dex"], digits=2),
+            f"{fixed(c['difference'], 3)} ± {fixed(c['u_difference'], 3)}",
+            ", ".join(c["at_bound"]) or MISSING, number(c["microseconds"], digits=2),
+        )
+        for c in found.get("candidates", [])
+    ]  # fmt: skip
+
+
 def reading_rows(summary: Record) -> list[tuple[str, ...]]:
     """Readings that weigh most in the posterior, then those farthest from all others."""
     found = summary.get("leave_one_out") or {}

@@ -22,6 +22,7 @@ from pbrdf_bayes.inference.laplace import laplace_mixture
 from pbrdf_bayes.inference.map_fit import find_map
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.measurement import Measurement
+from pbrdf_bayes.physics.given import NOTHING_GIVEN
 
 Array = NDArray[np.float64]
 POINT = {
@@ -105,7 +106,9 @@ def test_only_the_groups_that_need_it_are_filtered(small: Measurement) -> None:
     assert not everything.exact_row.size
     args = (point(posterior)[None], posterior.digits)
     g, rows = posterior.geometry, posterior.rows
-    one, other = (filtered_log_likelihood(g, rows, f, *args) for f in (found, everything))
+    one, other = (
+        filtered_log_likelihood(g, rows, f, *args, NOTHING_GIVEN) for f in (found, everything)
+    )
     np.testing.assert_allclose(one, other, rtol=1e-11)
     one, other = (filtered_gradient(g, rows, f, *args)[1] for f in (found, everything))
     np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-9 * np.abs(other).max())

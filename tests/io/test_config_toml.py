@@ -22,6 +22,7 @@ tails = "student-t"
 student_dof = 6
 effects = []
 line_shape = "lorentzian"
+fresnel_at = "mean-sine"
 accuracy = "draft"
 prior = "metal"
 brdf_floor = 1e-6

@@ -57,7 +57,7 @@ SHAPES = (
     ("cauchy", 6.0),
 )
 NARROWINGS = (1.0, 0.0, 0.5, 2.0)
-PLACES = ("mean_sine", "geometric_mean", "mean_angle")
+PLACES = ("mean-sine", "geometric-mean", "mean-angle")
 SIZE = 80
 BETA = (0.0, 0.003, 0.4, 0.9999)
 
@@ -126,7 +126,7 @@ class ShapedSurface:
 
     def factors(self, sine: mpf, cosine: mpf, sine_i: mpf, cosine_i: mpf) -> Pair:
         """The factors F_s, F_p in front of the lobe."""
-        if self.place == "geometric_mean":
+        if self.place == "geometric-mean":
             here, there = self.fresnel(sine, cosine), self.fresnel(sine_i, cosine_i)
             return mp.sqrt(here[0] * there[0]), mp.sqrt(here[1] * there[1])
         angle = (mp.atan2(sine, cosine) + mp.atan2(sine_i, cosine_i)) / 2
@@ -137,7 +137,7 @@ class ShapedSurface:
         mean = (sine + sine_i) / 2
         at_mean = self.fresnel(mean, mp.sqrt(1 - mean**2))
         front = at_mean
-        if self.place != "mean_sine":
+        if self.place != "mean-sine":
             front = self.factors(sine, cosine, sine_i, cosine_i)
         root = (cosine_i + cosine) / 2
         widths = [root * self.width(f) for f in at_mean]
@@ -161,7 +161,7 @@ def breaks(surface: ShapedSurface, inc: Incidence) -> set[mpf]:
     found = graded(inc.angle, narrow, mp.mpf(0), half_pi) | graded(
         half_pi, edge, mp.mpf(0), half_pi
     )
-    if surface.place == "geometric_mean":
+    if surface.place == "geometric-mean":
         brewster = mp.atan(mp.sqrt(surface.m2))
         distance = abs(mp.im(brewster))
         for place in (mp.re(brewster), half_pi - mp.re(brewster)):

@@ -41,6 +41,11 @@ def summary_of(
         "config": _config(case),
         "versions": {"pbrdf_bayes": "0.1.0", "numpy": "2.4.6", "emcee": "3.1.6"},
         "platform": "Linux x86_64", "seed": 20110115, "effects": [], "line_shape": "lorentzian",
+        "effects_choice": None,
+        "applicability": {
+            "verdict": "applies", "reasons": [], "limit_dex": 0.03,
+            "statement": "Nothing speaks against the model for this material.",
+        },
         "parameters": parameters,
         "correlation": {"names": names, "matrix": np.corrcoef(stacked).tolist()},
         "diagnostics": _diagnostics(case),

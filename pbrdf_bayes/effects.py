@@ -1,0 +1,157 @@
+"""Line shapes and effects beyond the four-parameter model: their values and ranges."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbrdf_bayes.config import FRESNEL_AT, LINE_SHAPES, did_you_mean
+from pbrdf_bayes.errors import ConfigError, DomainError
+from pbrdf_bayes.physics.scene import NULLS, Scene, make_scene
+
+EFFECT_DOMAIN: Mapping[str, tuple[float, float]] = {
+    "nu": (0.6, 6.0),
+    "eta": (0.0, 1.0),
+    "narrowing": (0.0, 2.0),
+    "lambert": (0.0, 1.0),
+    "bulk": (0.0, 1.0),
+    "volume": (0.0, 1.0),
+    "asymmetry": (0.0, 0.95),
+    "backscatter": (0.0, 1.0),
+    "backscatter_width": (0.005, 0.3),
+    "dhr_offset": (-0.1, 0.1),
+    "scale_p": (0.5, 2.0),
+    "leakage": (0.0, 0.1),
+    "offset_theta_i_deg": (-1.0, 1.0),
+    "offset_theta_r_deg": (-1.0, 1.0),
+    "aperture_deg": (0.0, 3.0),
+}
+"""Ranges of their parameters."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effects:
+    """What is added to the four-parameter model; as made by ``Effects()`` nothing is.
+
+    Attributes
+    ----------
+    line_shape : {"lorentzian", "gaussian", "voigt", "cauchy"}
+    fresnel_at : {"mean-sine", "geometric-mean", "mean-angle"}
+        Where the reflectance of a lobe is taken.
+    nu : float
+        Exponent of the generalised Cauchy shape, 0.6 to 6 [1].
+    eta : float
+        Lorentzian share of the half width of the Voigt shape [1].
+    narrowing : float
+        Exponent of Eq. (5) of the 2011 paper, 0 to 2 [1].
+    lambert, bulk, volume, backscatter : float
+        Strengths of the diffuse terms, see `pbrdf_bayes.physics.effects` [1].
+    asymmetry : float
+        Of the phase function of ``volume`` [1].
+    backscatter_width : float
+        Half width (HWHM) of the peak in tan(g/2) [1].
+    dhr_offset : float
+        Offset of DHR readings [1].
+    scale_p : float
+        Scale of p-polarised BRDF readings [1].
+    leakage : float
+        Share of the other polarisation that the polariser lets through [1].
+    offset_theta_i_deg, offset_theta_r_deg : float
+        Zero offsets of the goniometer [deg].
+    aperture_deg : float
+        Half of the range of theta_r that the detector sees [deg].
+
+    Raises
+    ------
+    DomainError
+        When a value is out of range, or not a number.
+
+    Examples
+    --------
+    >>> Effects(lambert=0.02).lambert
+    0.02
+    """
+
+    line_shape: str = "lorentzian"
+    fresnel_at: str = "mean-sine"
+    nu: float = NULLS["nu"]
+    eta: float = NULLS["eta"]
+    narrowing: float = NULLS["narrowing"]
+    lambert: float = NULLS["lambert"]
+    bulk: float = NULLS["bulk"]
+    volume: float = NULLS["volume"]
+    asymmetry: float = NULLS["asymmetry"]
+    backscatter: float = NULLS["backscatter"]
+    backscatter_width: float = NULLS["backscatter_width"]
+    dhr_offset: float = NULLS["dhr_offset"]
+    scale_p: float = NULLS["scale_p"]
+    leakage: float = NULLS["leakage"]
+    offset_theta_i_deg: float = NULLS["offset_theta_i_deg"]
+    offset_theta_r_deg: float = NULLS["offset_theta_r_deg"]
+    aperture_deg: float = NULLS["aperture_deg"]
+
+    def __post_init__(self) -> None:
+        for name, allowed in (("line_shape", LINE_SHAPES), ("fresnel_at", FRESNEL_AT)):
+            value = getattr(self, name)
+            if value not in allowed:
+                hint = did_you_mean(str(value), allowed)
+                msg = f"{name} = {value!r} is not known.{hint} Allowed: {', '.join(allowed)}"
+                raise DomainError(msg)
+        for name, (low, high) in EFFECT_DOMAIN.items():
+            value = getattr(self, name)
+            number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+            if not (number and low <= value <= high):
+                msg = f"{name} = {value!r} is outside its range [{low:g}, {high:g}]"
+                raise DomainError(msg)
+        if self.lambert > 0.0 and self.bulk > 0.0:
+            msg = "bulk is an alternative to lambert, not an addition: give one of them"
+            raise DomainError(msg)
+
+    @property
+    def is_null(self) -> bool:
+        """Nothing is added: exactly the four-parameter model."""
+        return self == Effects()
+
+
+def scene_and_columns(
+    effects: Effects, parameters: NDArray[np.float64]
+) -> tuple[Scene, NDArray[np.float64]]:
+    """What a kernel needs for these values.
+
+    Parameters
+    ----------
+    effects : Effects
+    parameters : ndarray, shape (4,)
+        n, k, sigma_n0, rho0.
+
+    Returns
+    -------
+    tuple of Scene and ndarray, shape (1, 4 + n_effects)
+    """
+    names = tuple(field.name for field in fields(effects) if field.name in NULLS)
+    values = [float(getattr(effects, name)) for name in names]
+    scene = make_scene(effects.line_shape, effects.fresnel_at, ("", "", "", "", *names))
+    return scene, np.concatenate([parameters, values])[None, :]
+
+
+def effects_from_table(table: Mapping[str, Any]) -> Effects:
+    """Effects from names and values, as in the JSON of ``--params``.
+
+    Raises
+    ------
+    ConfigError
+        Naming a key that is not known.
+    DomainError
+        When a value is out of range.
+    """
+    known = [field.name for field in fields(Effects)]
+    for name in table:
+        if name not in known:
+            hint = did_you_mean(name, known)
+            msg = f"{name!r} is no parameter of the model.{hint} Effects: {', '.join(known)}"
+            raise ConfigError(msg)
+    return Effects(**table)

@@ -1,0 +1,177 @@
+"""The model with effects: null values, energy, limits, instrument."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pbrdf_bayes import GREEN_PAINT, DomainError, Effects, Parameters, brdf, dhr
+from pbrdf_bayes.effects import EFFECT_DOMAIN, scene_and_columns
+from pbrdf_bayes.physics.geometry import prepare_geometry
+from pbrdf_bayes.physics.scattering import conserves_energy, evaluate_with_effects
+from pbrdf_bayes.physics.scene import NULLS
+
+GRID = np.linspace(-90.0, 90.0, 37)
+
+
+def general(effects, theta_i_deg, theta_r_deg, q, phi_r_deg=0.0, parameters=GREEN_PAINT):
+    """BRDF by the general kernel, also where nothing is added."""
+    theta_r = np.asarray(theta_r_deg, dtype=float)
+    geometry = prepare_geometry(
+        theta_i=np.full(theta_r.size, np.deg2rad(theta_i_deg)),
+        theta_r=np.deg2rad(theta_r),
+        phi_r=np.full(theta_r.size, np.deg2rad(phi_r_deg)),
+        polarization=np.full(theta_r.size, q),
+        dhr_theta_i=np.zeros(0),
+        dhr_polarization=np.zeros(0, np.str_),
+    )
+    scene, x = scene_and_columns(effects, parameters.as_array())
+    return evaluate_with_effects(geometry, scene, x, 10.0)[0][0]
+
+
+@pytest.mark.parametrize("q", ["s", "p", "u"])
+@pytest.mark.parametrize("phi", [0.0, 40.0])
+@pytest.mark.parametrize("theta_i", [0.0, 60.0, 85.0])
+def test_with_all_values_null_the_model_is_that_of_four_parameters(q, phi, theta_i):
+    found = general(Effects(), theta_i, GRID, q, phi)
+    expected = brdf(GREEN_PAINT, theta_i, GRID, q, phi_r_deg=phi, rtol=1e-10)
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [Effects(line_shape="cauchy"), Effects(line_shape="voigt"), Effects(aperture_deg=0.0)],
+)
+def test_line_shapes_at_their_null_value_are_the_lorentzian(effects):
+    found = general(effects, 40.0, GRID, "p")
+    np.testing.assert_allclose(found, brdf(GREEN_PAINT, 40.0, GRID, "p", rtol=1e-10), rtol=1e-9)
+
+
+def disk_integral(effects, theta_i_deg, q, n=120):
+    """Integral of f over the unit disk by Gauss rules in the two angles, stretched at the peak."""
+    x, w = np.polynomial.legendre.leggauss(n)
+    theta, total = np.deg2rad(theta_i_deg), 0.0
+    edges = np.array([0.0, 0.5 * theta, theta, 0.5 * (theta + 0.5 * np.pi), 0.5 * np.pi])
+    phi = 90.0 * (1.0 + x)
+    for a, b in pairwise(edges):
+        if b <= a:
+            continue
+        t = 0.5 * (a + b) + 0.5 * (b - a) * x
+        grid_t, grid_p = (g.ravel() for g in np.meshgrid(np.rad2deg(t), phi, indexing="ij"))
+        f = brdf(GREEN_PAINT, theta_i_deg, grid_t, q, phi_r_deg=grid_p, effects=effects)
+        inner = f.reshape(n, n) @ w * 0.5 * np.pi  # half of the circle
+        total += 2.0 * np.sum(0.5 * (b - a) * w * np.sin(t) * np.cos(t) * inner)
+    return total
+
+
+@pytest.mark.parametrize("q", ["s", "p"])
+@pytest.mark.parametrize(
+    "effects",
+    [
+        Effects(lambert=0.1, volume=0.05),
+        Effects(bulk=0.2, volume=0.05, asymmetry=0.7),
+        Effects(backscatter=0.1, backscatter_width=0.2),
+        Effects(line_shape="gaussian"),
+        Effects(line_shape="cauchy", nu=0.7),
+        Effects(line_shape="voigt", eta=0.4, narrowing=1.5),
+        Effects(fresnel_at="geometric-mean", narrowing=0.3),
+        Effects(fresnel_at="mean-angle", lambert=0.05),
+    ],
+)
+def test_what_is_scattered_into_the_hemisphere_is_the_dhr(effects, q):
+    expected = float(dhr(GREEN_PAINT, 35.0, q, effects=effects))
+    assert disk_integral(effects, 35.0, q) == pytest.approx(expected, rel=2e-6)
+
+
+def test_diffuse_terms_add_to_the_surface():
+    alone = brdf(GREEN_PAINT, 30.0, GRID, "s")
+    found = brdf(GREEN_PAINT, 30.0, GRID, "s", effects=Effects(lambert=0.3))
+    np.testing.assert_allclose(found - alone, 0.3 / np.pi, rtol=1e-9)
+
+
+def test_an_offset_moves_the_curve():
+    moved = brdf(GREEN_PAINT, 30.0, GRID[1:-1], "s", effects=Effects(offset_theta_r_deg=0.5))
+    np.testing.assert_allclose(moved, brdf(GREEN_PAINT, 30.0, GRID[1:-1] + 0.5, "s"), rtol=1e-8)
+    tilted = brdf(GREEN_PAINT, 30.0, GRID, "p", effects=Effects(offset_theta_i_deg=-0.5))
+    np.testing.assert_allclose(tilted, brdf(GREEN_PAINT, 29.5, GRID, "p"), rtol=1e-8)
+
+
+def test_at_normal_incidence_an_offset_to_the_other_side_mirrors_the_scan():
+    found = brdf(GREEN_PAINT, 0.0, GRID, "s", effects=Effects(offset_theta_i_deg=-0.5))
+    np.testing.assert_allclose(found, brdf(GREEN_PAINT, 0.5, -GRID, "s"), rtol=1e-8)
+
+
+def test_an_aperture_is_the_mean_over_what_the_detector_sees():
+    paint = Parameters(n=1.5, k=0.1, sigma_n0=0.4, rho0=0.05)
+    found = brdf(paint, 30.0, 31.0, "s", effects=Effects(aperture_deg=1.5))
+    x, w = np.polynomial.legendre.leggauss(60)
+    expected = 0.5 * w @ brdf(paint, 30.0, 31.0 + 1.5 * x, "s")
+    assert found == pytest.approx(expected, rel=1e-5)
+
+
+def test_leakage_and_scale():
+    s, p = (brdf(GREEN_PAINT, 50.0, GRID, q) for q in "sp")
+    effects = Effects(leakage=0.02, scale_p=1.1)
+    found_s, found_p = (brdf(GREEN_PAINT, 50.0, GRID, q, effects=effects) for q in "sp")
+    np.testing.assert_allclose(found_s, 0.98 * s + 0.02 * p, rtol=1e-8)
+    np.testing.assert_allclose(found_p, 1.1 * (0.98 * p + 0.02 * s), rtol=1e-8)
+    dhr_p = dhr(GREEN_PAINT, 70.0, "p", effects=Effects(leakage=0.02, dhr_offset=0.001))
+    expected = 0.98 * dhr(GREEN_PAINT, 70.0, "p") + 0.02 * dhr(GREEN_PAINT, 70.0, "s") + 0.001
+    assert dhr_p == pytest.approx(expected)
+
+
+ranges = {name: st.floats(*EFFECT_DOMAIN[name]) for name in NULLS}
+
+
+@given(
+    values=st.fixed_dictionaries(ranges),
+    shape=st.sampled_from(["lorentzian", "gaussian", "voigt", "cauchy"]),
+    mean=st.sampled_from(["mean-sine", "geometric-mean", "mean-angle"]),
+    lambert=st.booleans(),
+    theta_i=st.floats(0.0, 85.0),
+)
+@settings(max_examples=60, deadline=None)
+def test_finite_and_not_negative_everywhere(values, shape, mean, lambert, theta_i):
+    values["bulk" if lambert else "lambert"] = 0.0
+    effects = Effects(line_shape=shape, fresnel_at=mean, **values)
+    for q in "spu":
+        found = brdf(GREEN_PAINT, theta_i, GRID, q, effects=effects)
+        assert np.all(np.isfinite(found))
+        assert np.all(found >= 0.0)
+
+
+@given(st.fixed_dictionaries(ranges))
+@settings(max_examples=200, deadline=None)
+def test_what_passes_as_conserving_energy_does(values):
+    values["bulk"] = 0.0 if values["lambert"] > 0.5 else values["bulk"]
+    values["lambert"] = values["lambert"] if values["bulk"] == 0.0 else 0.0
+    values["dhr_offset"] = 0.0
+    effects = Effects(**values)
+    theta = np.array([0.0, 30.0, 60.0, 85.0, 89.95])
+    geometry = prepare_geometry(
+        theta_i=np.zeros(0), theta_r=np.zeros(0), phi_r=np.zeros(0),
+        polarization=np.zeros(0, np.str_), dhr_theta_i=np.deg2rad(theta),
+        dhr_polarization=np.full(theta.size, "s"),
+    )  # fmt: skip
+    scene, x = scene_and_columns(effects, GREEN_PAINT.as_array())
+    largest = max(dhr(GREEN_PAINT, theta, q, effects=effects).max() for q in "sp")
+    assert bool(conserves_energy(geometry, scene, x)[0]) == (largest <= 1.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"lambert": 1.1}, r"lambert = 1\.1 is outside its range \[0, 1\]"),
+        ({"nu": float("nan")}, "nu = nan is outside"),
+        ({"line_shape": "gausian"}, "Did you mean 'gaussian'"),
+        ({"lambert": 0.1, "bulk": 0.1}, "alternative"),
+        ({"volume": True}, "volume = True"),
+    ],
+)
+def test_values_out_of_range_are_refused(values, words):
+    with pytest.raises(DomainError, match=words):
+        Effects(**values)
