@@ -676,8 +676,8 @@ def test_parameters_may_come_from_a_file_or_a_summary(
     ("params", "message"),
     [
         ("{", "not JSON"), ("missing.json", "not a JSON file"), ("[1, 2]", "not JSON"),
-        ('{"n": 1.5}', "needs exactly n, k, sigma_n0, rho0"), ("", "not a JSON file"),
-        ('{"parameters": {"n": 3}}', "needs exactly"), ("x" * 300, "not a JSON file"),
+        ('{"n": 1.5}', "needs n, k, sigma_n0, rho0; got n"), ("", "not a JSON file"),
+        ('{"parameters": {"n": 3}}', "needs n, k"), ("x" * 300, "not a JSON file"),
         (PARAMS.replace("1.526", "9" * 400), "n = 999"), ('{"a":' * 9999, "not JSON"),
         (PARAMS.replace("rho0", "rho"), "got n, k, sigma_n0, rho"),
         (PARAMS.replace("1.526", "9"), "n = 9 is outside the model's domain"),
@@ -685,6 +685,8 @@ def test_parameters_may_come_from_a_file_or_a_summary(
         (PARAMS.replace("1.526", "NaN"), "n = nan is outside"),
         (PARAMS.replace("1.526", "null"), "n = None is outside"),
         (PARAMS.replace("1.526", "true"), "n = True is outside"),
+        (PARAMS.replace("}", ', "lambrt": 0.1}'), "Did you mean 'lambert'"),
+        (PARAMS.replace("}", ', "lambert": 2}'), "lambert = 2 is outside its range [0, 1]"),
     ],
 )  # fmt: skip
 def test_bad_parameters_are_two(

@@ -110,7 +110,8 @@ def test_a_run_that_does_not_converge_is_kept_and_marked(small_csv, tmp_path, ca
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--effects", "lambert"], "none in this version"),
+        (["--effects", "lambrt"], "Did you mean 'lambert'"),
+        (["--effects", "lambert,bulk"], "alternative"),
         (["--accuracy", "hihg"], "Allowed: 'draft', 'standard', 'reference'"),
         (["--sample", "other"], "has no rows to use"),
     ],
