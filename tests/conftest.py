@@ -11,6 +11,8 @@ import pbrdf_bayes as pb
 from pbrdf_bayes.compile_ahead import compile_ahead
 from pbrdf_bayes.workflow import fit_file
 
+collect_ignore = ["reference/generate_shaped.py"]  # a script: imports the one beside it
+
 REPOSITORY = Path(__file__).parents[1]
 
 
