@@ -141,6 +141,7 @@ def _front(analysis: Analysis) -> dict[str, Any]:
         "created": str(summary["created_utc"]).replace("T", " ")[:16] + " UTC",
         "verdict": summary["verdict"],
         "headline": summary["headline"],
+        "applicability": texts.applicability_text(summary),
         "banner": texts.banner(summary),
         "reservation": texts.reservation(summary),
         "values_note": texts.values_note(summary),

@@ -57,6 +57,12 @@ def banner(summary: Record) -> dict[str, str] | None:
     return FAILED if summary["verdict"] == "FAIL" else None
 
 
+def applicability_text(summary: Record) -> str:
+    """Why the parameters are no properties of the material; nothing where nothing says so."""
+    found = summary.get("applicability") or {}
+    return "" if found.get("verdict", "applies") == "applies" else str(found["statement"])
+
+
 def reservation(summary: Record) -> str:
     """Repeat that beside the values and the bands."""
     if summary["status"] != "done":

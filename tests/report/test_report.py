@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from html import unescape
 from html.parser import HTMLParser
@@ -349,3 +350,13 @@ def test_even_thinning_depends_on_the_scan() -> None:
     assert evenly(5, 10).tolist() == [0, 1, 2, 3, 4]
     assert evenly(9, 3).tolist() == [0, 3, 6]
     assert evenly(9, 3, offset=1).tolist() == [1, 4, 7]
+
+
+def test_the_first_screen_says_where_n_and_k_are_no_constants() -> None:
+    found = analysis("demo")
+    words = "The model is descriptive only: the rms is large. n and k are not material constants."
+    told = {"verdict": "descriptive only", "reasons": ["x"], "statement": words, "limit_dex": 0.03}
+    page = render_report(replace(found, summary={**found.summary, "applicability": told}))
+    first = page[: page.index("<main")]
+    assert words in first
+    assert words not in render_report(found)
