@@ -152,6 +152,16 @@ class RunConfig:
         _in_range("threads", self.threads, 1, 1024)
 
     @property
+    def additions(self) -> tuple[str, ...]:
+        """What goes beyond the model of the 2011 paper, in words; empty where nothing does."""
+        words = list(self.effects)
+        if self.line_shape != "lorentzian":
+            words.append(f"{self.line_shape} line shape")
+        if self.fresnel_at != "mean-sine":
+            words.append(f"reflectance at the {self.fresnel_at.replace('-', ' ')}")
+        return tuple(words)
+
+    @property
     def rtol(self) -> float:
         """Relative tolerance of the normalisation integral."""
         return ACCURACIES[self.accuracy].rtol

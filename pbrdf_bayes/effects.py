@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.config import FRESNEL_AT, LINE_SHAPES, did_you_mean
-from pbrdf_bayes.errors import ConfigError, DomainError
-from pbrdf_bayes.physics.scene import NULLS, Scene, make_scene
+from pbrdf_bayes.errors import DomainError
+from pbrdf_bayes.physics.line_shapes import ETA_RANGE, NU_RANGE
+from pbrdf_bayes.physics.scene import NULL, EffectValues, Scene, make_scene
+from pbrdf_bayes.physics.shaped_lobes import NARROWING_RANGE
 
 EFFECT_DOMAIN: Mapping[str, tuple[float, float]] = {
-    "nu": (0.6, 6.0),
-    "eta": (0.0, 1.0),
-    "narrowing": (0.0, 2.0),
+    "nu": NU_RANGE,
+    "eta": ETA_RANGE,
+    "narrowing": NARROWING_RANGE,
     "lambert": (0.0, 1.0),
     "bulk": (0.0, 1.0),
     "volume": (0.0, 1.0),
@@ -78,21 +79,21 @@ class Effects:
 
     line_shape: str = "lorentzian"
     fresnel_at: str = "mean-sine"
-    nu: float = NULLS["nu"]
-    eta: float = NULLS["eta"]
-    narrowing: float = NULLS["narrowing"]
-    lambert: float = NULLS["lambert"]
-    bulk: float = NULLS["bulk"]
-    volume: float = NULLS["volume"]
-    asymmetry: float = NULLS["asymmetry"]
-    backscatter: float = NULLS["backscatter"]
-    backscatter_width: float = NULLS["backscatter_width"]
-    dhr_offset: float = NULLS["dhr_offset"]
-    scale_p: float = NULLS["scale_p"]
-    leakage: float = NULLS["leakage"]
-    offset_theta_i_deg: float = NULLS["offset_theta_i_deg"]
-    offset_theta_r_deg: float = NULLS["offset_theta_r_deg"]
-    aperture_deg: float = NULLS["aperture_deg"]
+    nu: float = NULL.nu
+    eta: float = NULL.eta
+    narrowing: float = NULL.narrowing
+    lambert: float = NULL.lambert
+    bulk: float = NULL.bulk
+    volume: float = NULL.volume
+    asymmetry: float = NULL.asymmetry
+    backscatter: float = NULL.backscatter
+    backscatter_width: float = NULL.backscatter_width
+    dhr_offset: float = NULL.dhr_offset
+    scale_p: float = NULL.scale_p
+    leakage: float = NULL.leakage
+    offset_theta_i_deg: float = NULL.offset_theta_i_deg
+    offset_theta_r_deg: float = NULL.offset_theta_r_deg
+    aperture_deg: float = NULL.aperture_deg
 
     def __post_init__(self) -> None:
         for name, allowed in (("line_shape", LINE_SHAPES), ("fresnel_at", FRESNEL_AT)):
@@ -132,26 +133,7 @@ def scene_and_columns(
     -------
     tuple of Scene and ndarray, shape (1, 4 + n_effects)
     """
-    names = tuple(field.name for field in fields(effects) if field.name in NULLS)
+    names = EffectValues._fields
     values = [float(getattr(effects, name)) for name in names]
     scene = make_scene(effects.line_shape, effects.fresnel_at, ("", "", "", "", *names))
     return scene, np.concatenate([parameters, values])[None, :]
-
-
-def effects_from_table(table: Mapping[str, Any]) -> Effects:
-    """Effects from names and values, as in the JSON of ``--params``.
-
-    Raises
-    ------
-    ConfigError
-        Naming a key that is not known.
-    DomainError
-        When a value is out of range.
-    """
-    known = [field.name for field in fields(Effects)]
-    for name in table:
-        if name not in known:
-            hint = did_you_mean(name, known)
-            msg = f"{name!r} is no parameter of the model.{hint} Effects: {', '.join(known)}"
-            raise ConfigError(msg)
-    return Effects(**table)

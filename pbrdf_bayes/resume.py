@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from pbrdf_bayes.config import AUTO, RunConfig
+from pbrdf_bayes.inference.choose_effects import as_chosen
 from pbrdf_bayes.inference.ensembles import (
     Checkpoint,
     SamplerState,
     state_from_arrays,
     state_to_arrays,
 )
-from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.inference.posterior import Posterior, build_posterior
 from pbrdf_bayes.io.checkpoint import Checkpoints, has_checkpoints, remove_checkpoints
 from pbrdf_bayes.io.config_toml import config_table
 from pbrdf_bayes.io.run_folder import finite_only, load_summary, locked, refuse_difference
@@ -64,6 +67,20 @@ def finished_summary(folder: Path, posterior: Posterior, seed: int) -> dict[str,
         with locked(folder):
             remove_checkpoints(folder)
     return summary
+
+
+def as_finished(posterior: Posterior, config: RunConfig, folder: Path) -> Posterior:
+    """The posterior with effects as the finished run chose them, if it was left to choose."""
+    if config.effects != AUTO:
+        return posterior
+    found = load_summary(folder)
+    if found["effects_choice"] is None:  # it was not: that differs
+        return replace(posterior, config=config)
+    chosen = as_chosen(
+        posterior.measurement, config,
+        effects=tuple(found["effects"]), line_shape=found["line_shape"],
+    )  # fmt: skip
+    return build_posterior(posterior.measurement, chosen)
 
 
 def _versions(table: Mapping[str, str]) -> dict[str, str | None]:

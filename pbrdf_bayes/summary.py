@@ -49,10 +49,7 @@ def summarise(s: Stages) -> dict[str, Any]:
         "line_shape": config.line_shape,
         "effects_choice": None if s.effects_choice is None else asdict(s.effects_choice),
         "parameters": _parameters(s),
-        "correlation": {
-            "names": list(s.posterior.parameter_names),
-            "matrix": np.corrcoef(s.draws.flat.T).tolist(),
-        },
+        "correlation": _correlation(s),
         "diagnostics": {
             d.name: {k: v for k, v in asdict(d).items() if k != "name"} for d in s.diagnostics
         },
@@ -88,17 +85,12 @@ def _headline(s: Stages, verdict: str) -> str:
     rms = s.least_squares[1]
     if np.isnan(rms):
         return "The four-parameter model describes the DHR readings; see what they do not identify."
-    added = f" with {', '.join(_added(s))}" if _added(s) else ""
+    additions = s.posterior.config.additions
+    added = f" with {', '.join(additions)}" if additions else ""
     return (
         f"The four-parameter model{added} describes the readings to {rms:.3f} dex rms "
         f"({100 * (10**rms - 1):.1f} %), and every check passes."
     )
-
-
-def _added(s: Stages) -> list[str]:
-    """Effects and line shape beyond the 2011 paper."""
-    shape = s.posterior.config.line_shape
-    return [*s.posterior.config.effects, *([f"{shape} lobes"] if shape != "lorentzian" else [])]
 
 
 def _input(s: Stages) -> dict[str, Any]:
@@ -169,6 +161,15 @@ def _parameters(s: Stages) -> dict[str, Any]:
             table[spec.name]["prior_sensitivity"] = s.sensitivity.prior[at]
             table[spec.name]["likelihood_sensitivity"] = s.sensitivity.likelihood[at]
     return table
+
+
+def _correlation(s: Stages) -> dict[str, Any]:
+    """Of the parameters that are not fixed."""
+    free = s.posterior.free
+    return {
+        "names": [s.posterior.parameter_names[i] for i in free],
+        "matrix": np.corrcoef(s.draws.flat[:, free].T).tolist(),
+    }
 
 
 def _fit(s: Stages) -> dict[str, Any]:

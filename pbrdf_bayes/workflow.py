@@ -20,7 +20,11 @@ from pbrdf_bayes.data_checks import DataCheck, check_measurement
 from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.inference.applicability import judge_applicability, repeatability_dex
 from pbrdf_bayes.inference.bands import Bands, Targets, predict_bands, scan_scales
-from pbrdf_bayes.inference.choose_effects import EffectsChoice, choose_effects
+from pbrdf_bayes.inference.choose_effects import (
+    EffectsChoice,
+    choose_effects,
+    time_likelihood,
+)
 from pbrdf_bayes.inference.diagnostics import assess_identifiability, run_diagnostics
 from pbrdf_bayes.inference.discrepancy_size import measure_discrepancy
 from pbrdf_bayes.inference.ensembles import Checkpoint
@@ -48,6 +52,7 @@ from pbrdf_bayes.model import check_directions
 from pbrdf_bayes.report.page import render_report
 from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.resume import (
+    as_finished,
     finished_summary,
     going_on,
     history,
@@ -195,7 +200,7 @@ def _fit_posterior(
         dhr_curves=dhr_curves, sensitivity=sensitivity, leave_one_out=leave_one_out,
         holdout=holdout, holdouts=holdouts, scales=scales, discrepancy=discrepancy,
         normalisation_error=_normalisation_error(posterior, optima.best.x),
-        microseconds=_microseconds(posterior, optima.best.x), timings=clock.timings,
+        microseconds=time_likelihood(posterior, optima.best.x), timings=clock.timings,
         effects_choice=choice, applicability=applicability,
     )  # fmt: skip
     return Analysis(
@@ -239,14 +244,6 @@ def _normalisation_error(posterior: Posterior, x: Array) -> float:
         for extra in (0.0, 3.0)
     )
     return float(np.max(np.abs(coarse / np.maximum(fine, 1e-280) - 1.0)))
-
-
-def _microseconds(posterior: Posterior, x: Array) -> float:
-    """Time of one likelihood evaluation in a call of 32 sets [us]."""
-    sets = np.tile(x, (32, 1))
-    started = time.perf_counter()
-    posterior.log_likelihood(sets)
-    return (time.perf_counter() - started) / len(sets) * 1e6
 
 
 @dataclass(frozen=True)
@@ -305,13 +302,15 @@ def fit_file(
             csv, sample=sample, wavelength_um=wavelength_um, brdf_floor=config.brdf_floor
         )
         checks = check_measurement(measurement)
-    config, choice = _chosen_effects(measurement, config, seed, clock)
-    posterior = build_posterior(measurement, config)
+        named = replace(config, effects=()) if config.effects == AUTO else config
+        posterior = build_posterior(measurement, named)
     folder = out or run_folder.new_run_folder(Path("reports"), measurement.sample)
     _refuse_other_content(folder, resume=resume)
     if resume and run_folder.is_finished(folder):
-        summary = finished_summary(folder, posterior, seed)
+        summary = finished_summary(folder, as_finished(posterior, config, folder), seed)
         return FitRun(folder, summary["status"], summary["verdict"])
+    config, choice = _chosen_effects(measurement, config, seed, clock)
+    posterior = build_posterior(measurement, config)
     missing = likelihood_to_compile(posterior)
     if missing is not None:
         with clock.stage("compile"):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pbrdf_bayes as pb
-from pbrdf_bayes.compile_ahead import compile_ahead
+from pbrdf_bayes.compile_ahead import WITH_EFFECTS, compile_ahead
 from pbrdf_bayes.workflow import fit_file
 
 collect_ignore = ["reference/generate_shaped.py"]  # a script: imports the one beside it
@@ -21,6 +21,7 @@ def _kernels_on_disk() -> None:
     """Every worker loads the kernels of a fit; one of them has them compiled."""
     compile_ahead("iid")
     compile_ahead("correlated")
+    compile_ahead("iid" + WITH_EFFECTS)
 
 
 @pytest.fixture(scope="session")

@@ -35,7 +35,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 BELOW_MODEL = {"model": {"physics", "errors"}, "config": {"errors"}, "measurement": {"errors"}}
 
 LONGEST = 400
-LONG: dict[str, int] = {"physics.normalisation": 450}
+LONG: dict[str, int] = {}
 """Modules over the limit and how long they may be; take out what has become shorter."""
 
 HOMES = {

@@ -15,6 +15,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from pbrdf_bayes.cli import main
 from pbrdf_bayes.inference import sampling
 from pbrdf_bayes.io.checkpoint import read_checkpoint
 from pbrdf_bayes.io.run_folder import load_analysis
+from pbrdf_bayes.workflow import fit_file
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="POSIX signals and limits")
 
@@ -341,3 +343,34 @@ def test_a_checkpoint_left_beside_a_finished_run_goes(
 def test_the_summary_counts_no_rejected_points_where_there_are_none(whole: Path) -> None:
     summary = json.loads((whole / "summary.json").read_text(encoding="utf-8"))
     assert summary["rejected"] == {"n": 0, "examples": []}
+
+
+def test_a_finished_run_that_chose_its_effects_does_not_choose_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measurement = pb.simulate_measurement(
+        pb.GREEN_PAINT, seed=1, theta_i_deg=(20.0, 60.0), polarizations=("u",),
+        theta_r_deg=np.linspace(-80.0, 80.0, 9), dhr_theta_i_deg=(10.0, 40.0, 70.0),
+    )  # fmt: skip
+    csv, out = tmp_path / "readings.csv", tmp_path / "run"
+    pb.write_tidy_csv(measurement, csv)
+    config = pb.RunConfig(effects=("auto",), accuracy="draft", holdout=False)
+    first = fit_file(csv, config, out=out, seed=1)
+    assert load_analysis(out).summary["effects_choice"]["candidates"]
+
+    def choose(*_: object, **__: object) -> None:
+        pytest.fail("chosen once more")
+
+    monkeypatch.setattr("pbrdf_bayes.workflow.choose_effects", choose)
+    assert fit_file(csv, config, out=out, seed=1, resume=True) == first
+    with pytest.raises(pb.RunFolderError, match="not empty"):
+        fit_file(csv, config, out=out, seed=1)
+    with pytest.raises(pb.RunFolderError, match="seed"):
+        fit_file(csv, config, out=out, seed=2, resume=True)
+
+
+def test_a_run_of_named_effects_is_not_one_that_chose_them(small_csv: Path, tmp_path: Path) -> None:
+    draft = pb.RunConfig(accuracy="draft", holdout=False)
+    fit_file(small_csv, draft, out=tmp_path / "run")
+    with pytest.raises(pb.RunFolderError, match="effects"):
+        fit_file(small_csv, replace(draft, effects=("auto",)), out=tmp_path / "run", resume=True)

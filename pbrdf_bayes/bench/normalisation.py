@@ -21,12 +21,12 @@ from pbrdf_bayes.physics.fresnel import Surface, lobes, surface
 from pbrdf_bayes.physics.normalisation import (
     Incidence,
     Workspace,
-    expansion_order,
     incidence,
     normalisation_integrals,
     place_nodes,
     workspace,
 )
+from pbrdf_bayes.physics.quadrature import expansion_order
 
 Array = NDArray[np.float64]
 

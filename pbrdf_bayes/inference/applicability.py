@@ -8,23 +8,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbrdf_bayes.inference.holdout import Holdout
+from pbrdf_bayes.inference.parameters import PHYSICAL
 from pbrdf_bayes.inference.verdicts import (
     BOUND_SHARE_WARN,
     FAIL,
     HELD_OUT_FAIL_DEX,
     PASS,
-    REPEATABILITY_RATIO,
     WARN,
     Diagnostic,
+    misfit_limit_dex,
 )
 from pbrdf_bayes.measurement import Measurement
 
 APPLIES, DESCRIPTIVE, DOES_NOT_APPLY = "applies", "descriptive only", "does not apply"
-_FOUR = ("n", "k", "sigma_n0", "rho0")
 _NOT_CONSTANTS = (
     "n and k are then not material constants, and their uncertainties are not valid as such."
 )
-_SMALLEST_DEX = 0.005
 
 
 @dataclass(frozen=True)
@@ -89,19 +88,19 @@ def judge_applicability(
     wrong = [
         f"{name} is at the bound of its prior"
         for name, share in zip(names, bound_share, strict=True)
-        if name in _FOUR and share > BOUND_SHARE_WARN
+        if name in PHYSICAL and share > BOUND_SHARE_WARN
     ]
     for kind, words in (("angle", "angles"), ("polarization", "the other polarisation")):
         squares = [h.rms_dex**2 for h in holdouts if h.kind == kind and np.isfinite(h.rms_dex)]
-        if squares and np.sqrt(np.mean(squares)) > HELD_OUT_FAIL_DEX:
-            wrong.append(
-                f"{words} left out are predicted to {np.sqrt(np.mean(squares)):.2f} dex only"
-            )
-    limit = max(REPEATABILITY_RATIO * repeatability, _SMALLEST_DEX)
+        rms = float(np.sqrt(np.mean(squares))) if squares else 0.0
+        if rms > HELD_OUT_FAIL_DEX:
+            wrong.append(f"{words} left out are predicted to {rms:.2f} dex only")
+    limit = misfit_limit_dex(repeatability)
     loose = []
     if best_rms_dex > limit:
-        ratio = best_rms_dex / repeatability
-        loose.append(f"the rms of {best_rms_dex:.3f} dex is {ratio:.1f} times the repeatability")
+        loose.append(
+            f"the rms is {best_rms_dex:.3f} dex where readings repeat to {repeatability:.3f} dex"
+        )
     verdict = DOES_NOT_APPLY if wrong else DESCRIPTIVE if loose else APPLIES
     reasons = (*wrong, *loose)
     if not reasons:

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 from scipy.stats import t as student_t
 from threadpoolctl import threadpool_limits
 
-from pbrdf_bayes.config import AUTO, RunConfig
+from pbrdf_bayes.config import AUTO, SAMPLE_EFFECTS, RunConfig
+from pbrdf_bayes.inference.holdout import draft_of
 from pbrdf_bayes.inference.holdout_cases import Case, list_cases
 from pbrdf_bayes.inference.map_fit import climb, coordinate_bounds, find_map
-from pbrdf_bayes.inference.parameters import parameter_specs
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
 from pbrdf_bayes.inference.residuals import calibrated_residuals
 from pbrdf_bayes.measurement import Measurement, select_scans
@@ -39,9 +39,6 @@ TYPICAL_N = 1.5
 _N_STARTS = 4
 _AT_BOUND = 1e-3
 _CHANCE = 0.05
-_STEPS = (
-    ("lambert",), ("bulk",), ("volume",), ("narrowing",), ("backscatter",), ("cauchy",),
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -128,10 +125,10 @@ def choose_effects(
     if config.effects != AUTO:
         return config, None
     cases = list_cases(measurement)
-    base = replace(_with_typical_n(measurement, config), effects=())
+    base = as_chosen(measurement, config, effects=(), line_shape=config.line_shape)
     if not cases:
         words = "There is one angle of incidence only: nothing could be left out, nothing is added."
-        return replace(config, effects=()), EffectsChoice((), (), words)
+        return base, EffectsChoice((), (), words)
     tried = _grow(measurement, base, cases, seed, told)
     best = min(tried, key=lambda t: t.score)
     chosen = _smallest_as_good(tried, best)
@@ -139,6 +136,14 @@ def choose_effects(
     scored.sort(key=lambda s: (s.n_free, s.score))
     names = tuple(case.name for case in cases)
     return chosen.config, EffectsChoice(tuple(scored), names, _statement(chosen, tried[0], config))
+
+
+def as_chosen(
+    measurement: Measurement, config: RunConfig, *, effects: tuple[str, ...], line_shape: str
+) -> RunConfig:
+    """The configuration that a choice made of one with ``effects = auto``."""
+    base = _with_typical_n(measurement, config) if list_cases(measurement) else config
+    return replace(base, effects=effects, line_shape=line_shape)
 
 
 def _with_typical_n(measurement: Measurement, config: RunConfig) -> RunConfig:
@@ -158,7 +163,7 @@ def _grow(
     best = tried[0]
     while True:
         grown = []
-        for larger in _additions(best.config):
+        for larger in _grown(best.config):
             told(_name(larger))
             grown.append(_try(measurement, larger, cases, seed))
         tried += grown
@@ -168,14 +173,14 @@ def _grow(
         best = next_best
 
 
-def _additions(config: RunConfig) -> Iterator[RunConfig]:
-    """Configurations with one effect more."""
-    for (name,) in _STEPS:
-        if name == "cauchy":
-            if config.line_shape == "lorentzian":
-                yield replace(config, line_shape="cauchy")
-        elif name not in config.effects and not {name, *config.effects} >= {"lambert", "bulk"}:
-            yield replace(config, effects=(*config.effects, name))
+def _grown(config: RunConfig) -> Iterator[RunConfig]:
+    """Configurations with one effect of the sample, or another line shape, more."""
+    for name in SAMPLE_EFFECTS:
+        effects = (*config.effects, name)
+        if name not in config.effects and not {"lambert", "bulk"} <= set(effects):
+            yield replace(config, effects=effects)
+    if config.line_shape == "lorentzian":
+        yield replace(config, line_shape="cauchy")
 
 
 def _try(measurement: Measurement, config: RunConfig, cases: Sequence[Case], seed: int) -> _Tried:
@@ -189,24 +194,27 @@ def _try(measurement: Measurement, config: RunConfig, cases: Sequence[Case], see
 
     with threadpool_limits(limits=1, user_api="blas"), ThreadPoolExecutor(config.threads) as pool:
         log_rms = np.array(list(pool.map(left_out, cases)))
-    sets = np.tile(best, (32, 1))
-    started = time.perf_counter()
-    whole.log_likelihood(sets)
     return _Tried(
         config=config,
         n_free=len(whole.of_model),
         rms_dex=calibrated_residuals(whole, best).rms,
         log_rms=log_rms,
         at_bound=_at_bound(whole, best),
-        microseconds=(time.perf_counter() - started) / len(sets) * 1e6,
+        microseconds=time_likelihood(whole, best),
     )
 
 
 def _quick(measurement: Measurement, config: RunConfig) -> RunConfig:
-    """Independent readings at draft accuracy, and priors of what is then inferred."""
-    plain = replace(config, noise="iid", tails="normal", accuracy="draft", priors={})
-    known = {spec.name for spec in parameter_specs(measurement, plain)}
-    return replace(plain, priors={k: v for k, v in config.priors.items() if k in known})
+    """Draft of a fit with independent readings."""
+    return draft_of(replace(config, noise="iid", tails="normal"), measurement)
+
+
+def time_likelihood(posterior: Posterior, x: Array) -> float:
+    """Time of one likelihood evaluation in a call of 32 sets [us]; ``x`` has the shape (n_par,)."""
+    sets = np.tile(x, (32, 1))
+    started = time.perf_counter()
+    posterior.log_likelihood(sets)
+    return (time.perf_counter() - started) / len(sets) * 1e6
 
 
 def _log_rms(whole: Posterior, best: Array, case: Case) -> float:
@@ -233,8 +241,8 @@ def _at_bound(posterior: Posterior, x: Array) -> tuple[str, ...]:
     found = []
     for i in posterior.of_model:
         spec = posterior.specs[posterior.free[i]]
-        at_null = spec.null is not None and spec.null <= spec.prior.low
-        if (z[i] < low[i] + margin[i] and not at_null) or z[i] > high[i] - margin[i]:
+        at_low = z[i] < low[i] + margin[i] and not spec.begins_at_null
+        if at_low or z[i] > high[i] - margin[i]:
             found.append(spec.name)
     return tuple(found)
 
@@ -272,23 +280,17 @@ def _score(tried: _Tried, best: _Tried, *, chosen: bool) -> Scored:
 
 
 def _name(config: RunConfig) -> str:
-    words = [*config.effects]
-    if config.line_shape != "lorentzian":
-        words.append(f"{config.line_shape} line shape")
-    return " + ".join(words) or "four parameters"
+    return " + ".join(config.additions) or "four parameters"
 
 
 def _statement(chosen: _Tried, base: _Tried, asked: RunConfig) -> str:
-    fixed = asked.priors.get("n") is None and "n" in chosen.config.priors
-    held = (
-        f" n is held at {TYPICAL_N}: without s and p scans or DHR it is not identified."
-        if fixed
-        else ""
-    )
-    if not chosen.config.effects and chosen.config.line_shape == base.config.line_shape:
-        return "Nothing beyond the four parameters predicts readings left out better." + held
+    held = ""
+    if "n" in chosen.config.priors and "n" not in asked.priors:
+        held = f" n is held at {TYPICAL_N}: without s and p scans or DHR it is not identified."
+    if chosen is base:
+        return f"Nothing beyond {_name(base.config)} predicts readings left out better.{held}"
     change = 1.0 - np.exp(chosen.score - base.score)
     return (
         f"{_name(chosen.config)}: errors of prediction are {100 * change:.0f} % smaller than with "
-        f"the four parameters alone.{held}"
+        f"{_name(base.config)}.{held}"
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,12 +39,12 @@ from pbrdf_bayes.inference.verdicts import (
     LAG1_WARN,
     MISFIT_FAIL_DEX,
     MISFIT_WARN_DEX,
-    NOISE_RATIO_WARN,
     PASS,
     RIVAL_NATS,
     WARN,
     Diagnostic,
     grade,
+    misfit_limit_dex,
 )
 
 Array = NDArray[np.float64]
@@ -63,6 +62,8 @@ class Identifiability:
     Attributes
     ----------
     names : tuple of str
+    columns : ndarray of int, shape (n_physical,)
+        Where they are among all parameters.
     contraction : ndarray, shape (n_physical,)
         1 - var(posterior)/var(prior), the readings taken as independent.
     honest : ndarray, shape (n_physical,)
@@ -74,6 +75,7 @@ class Identifiability:
     """
 
     names: tuple[str, ...]
+    columns: NDArray[np.int64]
     contraction: Array
     honest: Array
     share: float
@@ -92,18 +94,20 @@ def assess_identifiability(
     posterior: Posterior, draws: Array, tempered: Array, share: float
 ) -> Identifiability:
     """Contraction of the physical parameters, from draws of shape (n_draws, n_par)."""
-    names, plain, honest, bound = [], [], [], []
+    columns, names, plain, honest, bound = [], [], [], [], []
     for index, spec in enumerate(posterior.specs):
         if spec.kind != "physical":
             continue
         low, high = spec.prior.quantile(np.array([BOUND_QUANTILE, 1.0 - BOUND_QUANTILE]))
-        at_null = spec.null is not None and spec.null <= low  # k = 0 is physical
-        at_low = 0.0 if at_null else np.mean(draws[:, index] < low)
+        at_low = 0.0 if spec.begins_at_null else np.mean(draws[:, index] < low)
+        columns.append(index)
         names.append(spec.name)
         plain.append(contraction(spec, draws[:, index]))
         honest.append(contraction(spec, tempered[:, index]))
         bound.append(max(float(at_low), float(np.mean(draws[:, index] > high))))
-    return Identifiability(tuple(names), np.array(plain), np.array(honest), share, np.array(bound))
+    return Identifiability(
+        tuple(names), np.array(columns), np.array(plain), np.array(honest), share, np.array(bound)
+    )
 
 
 def run_diagnostics(
@@ -128,7 +132,7 @@ def run_diagnostics(
         _rhat(draws),
         _ess(draws, config),
         _chain_length(draws),
-        _modes(optima, draws, len(identifiability.names)),
+        _modes(optima, draws, identifiability.columns),
         _identified(identifiability),
         _bounds(identifiability),
     ]
@@ -150,7 +154,7 @@ def run_diagnostics(
         checks.append(judge_recipe(holdout))
     rejected = together(optima.rejected, draws.rejected)
     if rejected.n:
-        checks.append(_not_finite(rejected, identifiability.names))
+        checks.append(_not_finite(rejected, identifiability))
     return (*checks, *judge_families(holdouts))
 
 
@@ -159,8 +163,7 @@ def _percent(dex: float) -> float:
 
 
 def _misfit(rms: float, noise: float) -> Diagnostic:
-    noise_limit = max(NOISE_RATIO_WARN * noise, 0.005) if np.isfinite(noise) else np.inf
-    verdict = grade(rms, min(MISFIT_WARN_DEX, noise_limit), MISFIT_FAIL_DEX)
+    verdict = grade(rms, min(MISFIT_WARN_DEX, misfit_limit_dex(noise)), MISFIT_FAIL_DEX)
     statement = (
         f"At its least-squares optimum the model leaves {rms:.3f} dex rms ({_percent(rms):.0f} %); "
         + (
@@ -203,8 +206,7 @@ def _discrepancy(found: DiscrepancySize) -> Diagnostic:
     """Too large, or so long that it is a second level of the scan: the model does not apply."""
     too_long = found.tau > DISCREPANCY_WARN and found.ell_deg > 0.5 * found.span_deg
     verdict = FAIL if too_long else grade(found.tau, DISCREPANCY_WARN, DISCREPANCY_FAIL)
-    claimed = found.sd_if_independent
-    factors = [found.sd[name] / claimed[name] for name in found.sd if claimed[name] > 0.0]
+    factors = [found.sd[name] / found.sd_if_independent[name] for name in found.sd]
     statement = (
         f"Along a scan the model is off by {found.size_dex:.3f} dex ({found.size_percent:.1f} %), "
         f"over lengths of {found.ell_deg:.0f} deg; the white noise is "
@@ -261,19 +263,20 @@ def _chain_length(draws: Draws) -> Diagnostic:
     )  # fmt: skip
 
 
-def _modes(optima: MapResult, draws: Draws, n_physical: int) -> Diagnostic:
+def _modes(optima: MapResult, draws: Draws, physical: NDArray[np.int64]) -> Diagnostic:
     """Rivals differ in the physical parameters; how noises share their roles does not count."""
-    x = draws.flat[:, :n_physical]
-    places = np.array([optimum.x[:n_physical] for optimum in optima.optima])
+    x = draws.flat[:, physical]
+    places = np.array([optimum.x[physical] for optimum in optima.optima])
     gaps = np.array([optima.best.log_posterior - o.log_posterior for o in optima.optima])
     apart = np.array([_apart(x, places[0], place) for place in places])
     rival = apart & (gaps < RIVAL_NATS)
     n_rivals = int(rival.sum())
-    statement = f"{optima.best.n_starts} of {optima.n_starts} starts end at the best optimum; " + (
-        f"{n_rivals} other within {RIVAL_NATS:g} nats. {_share_of_rivals(draws, places, rival)}"
-        if n_rivals
-        else "no rival is near."
-    )
+    found = "no rival is near."
+    if n_rivals:
+        share = _share_of_rivals(draws, physical, places, rival)
+        found = f"{n_rivals} other within {RIVAL_NATS:g} nats. {share}"
+    best = optima.best
+    statement = f"{best.n_starts} of {optima.n_starts} starts end at the best optimum; {found}"
     return Diagnostic(
         "modes", "Separate optima", float(gaps[rival][0]) if n_rivals else np.nan, RIVAL_NATS,
         "nat", WARN if n_rivals else PASS, statement,
@@ -297,10 +300,12 @@ def _apart(x: Array, best: Array, other: Array) -> bool:
     return bool(np.mean((along > 1.0 / 3.0) & (along < 2.0 / 3.0)) < _VALLEY_SHARE)
 
 
-def _share_of_rivals(draws: Draws, places: Array, rival: NDArray[np.bool_]) -> str:
+def _share_of_rivals(
+    draws: Draws, physical: NDArray[np.int64], places: Array, rival: NDArray[np.bool_]
+) -> str:
     """How many draws are nearest to a rival, and how far the ensembles agree on that."""
-    x = draws.x[..., : places.shape[1]]
-    sd = draws.flat[:, : places.shape[1]].std(axis=0)
+    x = draws.x[..., physical]
+    sd = draws.flat[:, physical].std(axis=0)
     sd = np.where(sd > 0.0, sd, 1.0)
     distances = [np.sum(((x - place) / sd) ** 2, axis=-1) for place in places]
     near = rival[np.argmin(distances, axis=0)]
@@ -370,9 +375,10 @@ def _coverage(inside: int, n: int, share: float) -> Diagnostic:
     )  # fmt: skip
 
 
-def _not_finite(rejected: Rejected, names: Sequence[str]) -> Diagnostic:
+def _not_finite(rejected: Rejected, physical: Identifiability) -> Diagnostic:
     """Points that the model and not the prior rejects."""
-    first = ", ".join(f"{n} = {x:.6g}" for n, x in zip(names, rejected.examples[0], strict=False))
+    values = rejected.examples[0][physical.columns]
+    first = ", ".join(f"{n} = {x:.6g}" for n, x in zip(physical.names, values, strict=True))
     return Diagnostic(
         "not_finite", "Points the model rejects", float(rejected.n), 0.0, "1", WARN,
         f"At {rejected.n} points inside the prior the model gave no finite density; the first: "

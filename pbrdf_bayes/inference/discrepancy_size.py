@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.inference.laplace import laplace_mixture
 from pbrdf_bayes.inference.map_fit import find_map
-from pbrdf_bayes.inference.parameters import DISCREPANCY, PHYSICAL
+from pbrdf_bayes.inference.parameters import DISCREPANCY
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
 
 Array = NDArray[np.float64]
@@ -68,7 +68,9 @@ def measure_discrepancy(posterior: Posterior, draws: Array, *, seed: int) -> Dis
     measurement = posterior.measurement
     median = dict(zip(posterior.parameter_names, np.median(draws, axis=0).tolist(), strict=True))
     theta_r = measurement.brdf.theta_r_deg
-    sd = draws.std(axis=0, ddof=1).tolist()
+    sd = dict(zip(posterior.parameter_names, draws.std(axis=0, ddof=1).tolist(), strict=True))
+    physical = [spec.name for spec in posterior.specs if spec.kind == "physical"]
+    claimed = _sd_if_independent(posterior, seed)
     return DiscrepancySize(
         tau=median["tau"],
         ell_deg=median["ell_deg"],
@@ -76,13 +78,13 @@ def measure_discrepancy(posterior: Posterior, draws: Array, *, seed: int) -> Dis
         white_noise=max(v for name, v in median.items() if name.startswith("s_rel_")),
         size_dex=median["tau"] / log(10.0),
         size_percent=100.0 * (exp(median["tau"]) - 1.0),
-        sd=dict(zip(PHYSICAL, sd, strict=False)),
-        sd_if_independent=_sd_if_independent(posterior, seed),
+        sd={name: sd[name] for name in physical},
+        sd_if_independent={name: claimed[name] for name in physical},
     )
 
 
 def _sd_if_independent(posterior: Posterior, seed: int) -> dict[str, float]:
-    """Laplace standard deviations of the four parameters under the i.i.d. likelihood."""
+    """Laplace standard deviations of all parameters under the i.i.d. likelihood."""
     config = posterior.config
     priors = {name: table for name, table in config.priors.items() if name not in DISCREPANCY}
     plain = build_posterior(posterior.measurement, replace(config, noise="iid", priors=priors))
@@ -90,5 +92,5 @@ def _sd_if_independent(posterior: Posterior, seed: int) -> dict[str, float]:
     factor = laplace_mixture(plain, optima).factors[0]
     free = optima.best.x[plain.free]
     sd = np.sqrt(np.sum(factor**2, axis=1)) * np.where(plain.is_log, free, 1.0)
-    found = dict(zip([plain.parameter_names[i] for i in plain.free], sd.tolist(), strict=True))
-    return {name: found.get(name, 0.0) for name in PHYSICAL}
+    names = [plain.parameter_names[i] for i in plain.free]
+    return dict(zip(names, sd.tolist(), strict=True))

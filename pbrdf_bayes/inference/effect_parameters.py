@@ -10,7 +10,7 @@ from pbrdf_bayes.effects import EFFECT_DOMAIN
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.inference.parameter_spec import ParameterSpec
 from pbrdf_bayes.inference.priors import Prior
-from pbrdf_bayes.physics.scene import NULLS, Scene, make_scene
+from pbrdf_bayes.physics.scene import NULL, Scene, make_scene
 
 
 def _prior(name: str, kind: str, mean: float = 0.0, sd: float = 1.0) -> Prior:
@@ -23,7 +23,7 @@ def _sample(
 ) -> ParameterSpec:
     return ParameterSpec(
         name=name, symbol=symbol, unit="1", description=description, kind="physical", prior=prior,
-        log_coordinate=log_coordinate, null=NULLS[name],
+        log_coordinate=log_coordinate, null=getattr(NULL, name),
     )  # fmt: skip
 
 
@@ -33,7 +33,7 @@ def _instrument(
 ) -> ParameterSpec:  # fmt: skip
     return ParameterSpec(
         name=name, symbol=symbol, unit=unit, description=description, kind="instrument",
-        prior=prior, log_coordinate=log_coordinate, null=NULLS[name],
+        prior=prior, log_coordinate=log_coordinate, null=getattr(NULL, name),
     )  # fmt: skip
 
 
@@ -73,7 +73,7 @@ EFFECT_PARAMETERS: Mapping[str, tuple[ParameterSpec, ...]] = {
         ),
         _sample(
             "asymmetry", "b", "asymmetry of its phase function, backwards",
-            _prior("asymmetry", "fixed", NULLS["asymmetry"]),
+            _prior("asymmetry", "fixed", NULL.asymmetry),
         ),
     ),
     "narrowing": (
@@ -159,10 +159,6 @@ def build_scene(config: RunConfig, names: tuple[str, ...]) -> Scene | None:
     names : tuple of str
         Names of the columns of parameter sets.
     """
-    if (
-        not config.effects
-        and config.line_shape == "lorentzian"
-        and config.fresnel_at == "mean-sine"
-    ):
+    if not config.additions:
         return None
     return make_scene(config.line_shape, config.fresnel_at, names)

@@ -36,3 +36,8 @@ class ParameterSpec:
     def is_fixed(self) -> bool:
         """The parameter has one value and is not inferred."""
         return self.prior.kind == "fixed"
+
+    @property
+    def begins_at_null(self) -> bool:
+        """The lower bound is where the parameter does nothing: no sign of a wrong model."""
+        return self.null is not None and self.null <= self.prior.low

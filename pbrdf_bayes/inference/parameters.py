@@ -80,6 +80,9 @@ def parameter_specs(measurement: Measurement, config: RunConfig) -> tuple[Parame
             )
         )  # fmt: skip
     chosen = [_with_user_prior(spec, config.priors) for spec in _known(specs, config.priors)]
+    if all(spec.is_fixed for spec in chosen if spec.kind == "physical"):
+        msg = "priors: every parameter of the sample is fixed. Leave one of them free"
+        raise ConfigError(msg)
     return tuple(replace(spec, kind="fixed") if spec.is_fixed else spec for spec in chosen)
 
 

@@ -39,6 +39,7 @@ Array = NDArray[np.float64]
 
 _FINER_DIGITS = 4.0
 _STEP = 1e-5
+_MOST_REDRAWS = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,20 +127,23 @@ class Posterior:
 
         Only for parameters inside the support of the prior: the model is computed nowhere else.
         """
-        return self._log_likelihood(self._checked(x), self.digits)
+        x = self._checked(x)
+        return self.weight * self._log_likelihood(x, self.digits, self.given(x))
 
-    def _log_likelihood(self, x: Array, digits: float) -> Array:
-        g, rows, law, given = self.geometry, self.rows, self.discrepancy, self.given(x, digits)
+    def _log_likelihood(self, x: Array, digits: float, given: Given) -> Array:
+        """With weight 1, by the likelihood of the run."""
+        g, rows, law = self.geometry, self.rows, self.discrepancy
         if self.filtered is not None:
-            found = filtered_log_likelihood(g, rows, self.filtered, x, digits, given)
-        elif law is None:
-            found = iid_log_likelihood(g, rows, x, digits, given)
-        else:
-            found = correlated_log_likelihood(g, rows, law, x, digits, given)
-        return np.asarray(self.weight * found)
+            return filtered_log_likelihood(g, rows, self.filtered, x, digits, given)
+        if law is None:
+            return iid_log_likelihood(g, rows, x, digits, given)
+        return correlated_log_likelihood(g, rows, law, x, digits, given)
 
     def given(self, x: Array, digits: float | None = None) -> Given:
-        """Values of a model with effects at the rows, nothing for the four-parameter model."""
+        """Values of a model with effects at the rows, nothing for the four-parameter model.
+
+        ``x`` has the shape (n_sets, n_par); ``digits`` are those of the posterior by default.
+        """
         if self.scene is None:
             return NOTHING_GIVEN
         return Given(*evaluate_scene(self.geometry, self.scene, x, digits or self.digits))
@@ -193,29 +197,44 @@ class Posterior:
         return correlated_gradient(g, rows, law, x, self.digits)
 
     def _differences(self, x: Array) -> tuple[Array, Array]:
-        """Log-likelihood and central differences; at a bound one-sided, from inside."""
+        """Log-likelihood and central differences; at a bound one-sided, from inside.
+
+        The model is computed anew only where a parameter of it moves.
+        """
         slopes = np.zeros(x.shape)
         digits = min(self.digits + _FINER_DIGITS, 12.0)
-        values = self._log_likelihood(x, self.digits) / self.weight
+        still = Given(*(np.concatenate([v, v]) for v in self.given(x, digits)))
         for i in self.free:
             spec = self.specs[i]
             step = _STEP * (np.abs(x[:, i]) if spec.log_coordinate else 1.0)
-            below, above = x.copy(), x.copy()
-            below[:, i] = np.maximum(x[:, i] - step, spec.prior.low)
+            moved = np.concatenate([x, x])
+            above, below = moved[: len(x)], moved[len(x) :]
             above[:, i] = np.minimum(x[:, i] + step, spec.prior.high)
-            ends = self._log_likelihood(np.concatenate([above, below]), digits) / self.weight
+            below[:, i] = np.maximum(x[:, i] - step, spec.prior.low)
+            given = still if spec.kind == "nuisance" else self.given(moved, digits)
+            ends = self._log_likelihood(moved, digits, given)
             slopes[:, i] = (ends[: len(x)] - ends[len(x) :]) / (above[:, i] - below[:, i])
-        return values, slopes
+        return self._log_likelihood(x, self.digits, self.given(x)), slopes
 
     def sample_prior(self, rng: np.random.Generator, size: int) -> Array:
-        """Independent draws of the prior, shape (size, n_par)."""
+        """Independent draws of the prior, shape (size, n_par).
+
+        Raises
+        ------
+        ConfigError
+            Where next to no sample of the prior reflects less than it receives.
+        """
         found = self.prior_quantile(rng.random((size, self.n_par)))
-        if self.scene is not None:
-            bad = ~conserves_energy(self.geometry, self.scene, found)
-            while bad.any():
-                found[bad] = self.prior_quantile(rng.random((int(bad.sum()), self.n_par)))
-                bad = ~conserves_energy(self.geometry, self.scene, found)
-        return found
+        for _ in range(_MOST_REDRAWS):
+            bad = ~np.isfinite(self.log_prior(found))
+            if not bad.any():
+                return found
+            found[bad] = self.prior_quantile(rng.random((int(bad.sum()), self.n_par)))
+        msg = (
+            "the priors give samples that reflect more than they receive: lower those of sigma_n0 "
+            "or of the strengths of the diffuse terms"
+        )
+        raise ConfigError(msg)
 
     def prior_quantile(self, probability: Array) -> Array:
         """Parameters at cumulative prior probabilities, both of shape (n_sets, n_par)."""

@@ -325,8 +325,8 @@ def start_walkers(posterior: Posterior, mixture: Mixture, n_walkers: int, seed: 
         kept = np.concatenate([kept, z])
         if len(kept) >= n_walkers:
             return kept[:n_walkers]
-    fill = rng.random((n_walkers - len(kept), low.size))
-    return np.concatenate([kept, posterior.to_coordinates(posterior.prior_quantile(fill))])
+    fill = posterior.sample_prior(rng, n_walkers - len(kept))
+    return np.concatenate([kept, posterior.to_coordinates(fill)])
 
 
 def _summarise(posterior: Posterior, state: SamplerState) -> Draws:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf, isnan
 
 from pbrdf_bayes.inference.importance import K_HAT_LIMIT
 
 MISFIT_WARN_DEX = 0.05
 MISFIT_FAIL_DEX = 0.10
 NOISE_RATIO_WARN = 3.0
-REPEATABILITY_RATIO = 3.0
-"""Rms of the fit over the repeatability of the readings: beyond, the model only describes them."""
+SMALLEST_MISFIT_DEX = 0.005
+"""However well readings repeat, less than this is no misfit."""
 HELD_OUT_FAIL_DEX = 0.10
 LAG1_WARN = 0.2
 LAG1_FAIL = 0.5
@@ -63,6 +64,19 @@ class Diagnostic:
     verdict: str
     statement: str
     advice: str = ""
+
+
+def misfit_limit_dex(repeatability_dex: float) -> float:
+    """Rms beyond which a fit is worse than the readings repeat; infinite where that is not known.
+
+    Examples
+    --------
+    >>> misfit_limit_dex(0.01), misfit_limit_dex(0.0), misfit_limit_dex(float("nan"))
+    (0.03, 0.005, inf)
+    """
+    if isnan(repeatability_dex):
+        return inf
+    return max(NOISE_RATIO_WARN * repeatability_dex, SMALLEST_MISFIT_DEX)
 
 
 def grade(value: float, warn: float, fail: float) -> str:

@@ -34,13 +34,13 @@ from pbrdf_bayes.physics.normalisation import (
     Incidence,
     Workspace,
     expand_cumulative,
-    expansion_order,
     fill_log_lobes,
     fill_slopes,
     integral_slopes,
     integrals,
     workspace,
 )
+from pbrdf_bayes.physics.quadrature import expansion_order
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -42,6 +42,8 @@ class Geometry(NamedTuple):
     angles: Array
     """(3, n_directions): theta_i, theta_r, phi_r [rad]."""
     dhr_theta_i: Array
+    dhr_first: Index
+    """For each DHR row the first one at its angle."""
 
 
 def polarization_codes(polarization: NDArray[np.str_]) -> Index:
@@ -99,6 +101,7 @@ def prepare_geometry(
         dhr_polarization=polarization_codes(dhr_polarization),
         angles=np.ascontiguousarray(distinct.T),
         dhr_theta_i=np.asarray(dhr_theta_i, dtype=np.float64),
+        dhr_first=_first_of_equals(dhr_theta_i),
     )
 
 
@@ -112,6 +115,12 @@ def _in_order_of_appearance(keys: Array) -> tuple[Array, Index]:
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
     return distinct[order], place[row.ravel()]
+
+
+def _first_of_equals(values: Array) -> Index:
+    """For each value the index of the first one that is equal to it."""
+    _, first, which = np.unique(values, return_index=True, return_inverse=True)
+    return np.asarray(first[which.ravel()], dtype=np.int64)
 
 
 def _run_lengths(row_direction: Index) -> Index:

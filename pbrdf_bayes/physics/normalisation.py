@@ -16,21 +16,15 @@ Panels. A is integrated over five panels, -pi/2 | -pi/4 | 0 | theta_i | middle |
 where |t| has its kink, and each remaining panel has one peak at one end, around which it is
 stretched. C is expanded in Chebyshev polynomials of u.
 
-Orders. A panel of length U in u has its nearest pole at z = -1 + i pi/U in the variable of the
-interval [-1, 1]; a Gauss rule of p nodes converges like r^(-2p), a Chebyshev expansion of degree
-p like r^(-p), with r = |z + sqrt(z^2 - 1)| (Trefethen, Approximation Theory and Approximation
-Practice, chapters 8 and 19). `panel_order` and `expansion_order` invert that; the factors in
-front were calibrated over the domain (``tests/physics/test_accuracy.py``). The orders depend on
-the tolerance and the parameters, never on data.
+Rules, expansions and their orders are those of `pbrdf_bayes.physics.quadrature`.
 """
 
 from __future__ import annotations
 
-from math import asinh, ceil, log10, pi, sqrt
+from math import asinh, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from pbrdf_bayes.physics.compiled import compiled
@@ -43,55 +37,26 @@ from pbrdf_bayes.physics.fresnel import (
     lobes,
     transmittances,
 )
+from pbrdf_bayes.physics.quadrature import (
+    MAX_ORDER,
+    POINTS,
+    antiderivative,
+    expansion_order,
+    first_point,
+    lay_panels,
+    sum_expansion,
+)
 
 Array = NDArray[np.float64]
 
-MAX_ORDER = 96
-"""Largest Gauss rule and Chebyshev degree tabulated."""
-ORDER_STEP = 4
 MAX_NODES = 2048
 LANES = 4
 """Nodes come in multiples of this, so that no loop over them has a remainder done one by one."""
-PANEL_LENGTH = 2.2
 POLE_DISTANCE = 1.2
 POLE_DISTANCE_METAL = 0.9
 POLE_DISTANCE_DENSE = 1.0
 DENSE = 6.0
 """Re(m^2) from which Brewster's angle crowds the poles towards grazing."""
-SPARE_DIGITS = 1.0
-SHORT_PANEL = 1.0
-SHORT_EXPANSION = 1.8
-
-
-def _gauss_tables() -> tuple[Array, Array]:
-    """Gauss-Legendre nodes and weights on [0, 1]: the rule of order p starts at p (p - 1) / 2."""
-    rules = [np.polynomial.legendre.leggauss(p) for p in range(1, MAX_ORDER + 1)]
-    nodes = np.concatenate([0.5 * (1.0 + x) for x, _ in rules])
-    return nodes, np.concatenate([0.5 * w for _, w in rules])
-
-
-def _expansion_tables() -> tuple[Array, Array, NDArray[np.int64]]:
-    """Chebyshev points on [0, 1] and matrices from samples there to C(u)/u in coefficients.
-
-    One block for each order that is a multiple of ``ORDER_STEP``. C is the antiderivative that is
-    zero at u = 0; divided by u it keeps its relative accuracy there, which grazing angles need.
-    """
-    points, matrices, starts = [], [], [0]
-    for m in range(ORDER_STEP, MAX_ORDER + 1, ORDER_STEP):
-        angle = pi * (np.arange(m) + 0.5) / m
-        points.append(0.5 * (1.0 + np.cos(angle)))
-        degree = np.arange(m)[:, None]
-        series = np.cos(degree * angle) * (2.0 / m)
-        series[0] *= 0.5
-        integrals = [0.5 * chebyshev.chebint(column, lbnd=-1.0) for column in series.T]
-        quotients = [chebyshev.chebdiv(integral, [0.5, 0.5])[0] for integral in integrals]
-        matrices.append(np.stack(quotients, axis=1).ravel())
-        starts.append(starts[-1] + matrices[-1].size)
-    return np.concatenate(points), np.concatenate(matrices), np.array(starts)
-
-
-_NODES, _WEIGHTS = _gauss_tables()
-POINTS, MATRICES, MATRIX_START = _expansion_tables()
 
 
 VALUES, SLOPES = 2, 8
@@ -138,28 +103,6 @@ class Incidence(NamedTuple):
 def incidence(theta_i: float) -> Incidence:
     """Sine, cosine and distance from grazing of ``theta_i`` [rad]."""
     return Incidence(np.sin(theta_i), np.cos(theta_i), theta_i, 0.5 * pi - theta_i)
-
-
-@compiled()
-def panel_split(length: float, digits: float, pole: float) -> tuple[int, int]:
-    """Sub-panels, and Gauss nodes in each, for a panel of this length with poles that far away."""
-    n_panels = max(ceil(length / PANEL_LENGTH), 1)
-    y = 2.0 * pole / max(length / n_panels, SHORT_PANEL)
-    order = ceil((digits + SPARE_DIGITS) / (2.0 * log10(y + sqrt(1.0 + y * y))))
-    return n_panels, min(max(order, 2), MAX_ORDER)
-
-
-@compiled()
-def expansion_order(length: float, digits: float) -> int:
-    """Chebyshev degree of C for this length in u and this many correct digits."""
-    y = pi / max(length, SHORT_EXPANSION)
-    # z = -1 + i y; sqrt(z^2 - 1) = sqrt(-y^2 - 2 i y) on the branch that enlarges |z|
-    modulus = sqrt(y * y * y * y + 4.0 * y * y)
-    re = sqrt(0.5 * (modulus - y * y)) + 1.0
-    im = sqrt(0.5 * (modulus + y * y)) + y
-    order = ceil((digits + 2.0) / (0.5 * log10(re * re + im * im))) + 1
-    order = ORDER_STEP * ((order + ORDER_STEP - 1) // ORDER_STEP)
-    return min(max(order, 2 * ORDER_STEP), MAX_ORDER)
 
 
 @compiled()
@@ -259,41 +202,10 @@ def _place_cumulative_nodes(length: float, first: int, m: int, rho0: float, ws: 
 @compiled()
 def expand_cumulative(surf: Surface, m: int, n_series: int, ws: Workspace) -> None:
     """Chebyshev coefficients of C/u in u/length on [0, 1], for every series of B."""
-    first = ORDER_STEP * (m // ORDER_STEP - 1) * (m // ORDER_STEP) // 2
-    _place_cumulative_nodes(asinh(0.5 * pi / surf.rho0), first, m, surf.rho0, ws)
+    _place_cumulative_nodes(asinh(0.5 * pi / surf.rho0), first_point(m), m, surf.rho0, ws)
     _fill_series(m, n_series, surf, ws)
-    _antiderivatives(m, n_series, ws)
-
-
-@compiled(reassociate=True)
-def _antiderivatives(m: int, n_series: int, ws: Workspace) -> None:
-    """Coefficients of C/u from the samples of every series."""
-    start = MATRIX_START[m // ORDER_STEP - 1]
     for q in range(n_series):
-        samples = ws.lobes[q]
-        for j in range(m):
-            row = MATRICES[start + j * m : start + (j + 1) * m]
-            total = 0.0
-            for i in range(m):
-                total += row[i] * samples[i]
-            ws.coefficients[q, j] = total
-
-
-@compiled(inline=True)
-def lay_panels(
-    v0: float, v1: float, digits: float, pole: float, at: int, v_row: Array, weight_row: Array
-) -> int:
-    """Gauss nodes of [v0, v1] and their weights from index ``at`` on; returns where they end."""
-    if v1 > v0:
-        n_panels, p = panel_split(v1 - v0, digits, pole)
-        step = (v1 - v0) / n_panels
-        first = p * (p - 1) // 2
-        for j in range(n_panels):
-            for i in range(p):
-                v_row[at + i] = v0 + step * (j + _NODES[first + i])
-                weight_row[at + i] = step * _WEIGHTS[first + i]
-            at += p
-    return at
+        antiderivative(m, ws.lobes[q], ws.coefficients[q])
 
 
 @compiled()
@@ -353,27 +265,6 @@ def place_nodes(inc: Incidence, surf: Surface, digits: float, ws: Workspace) -> 
         distance = min(above - delta, pi - above + delta) * inverse_rho0
         u_row[i] = scale_u * log(distance + sqrt(distance * distance + 1.0))
     return n
-
-
-@compiled(inline=True)
-def sum_expansion(coefficients: Array, m: int, y: Array, b1: Array, b2: Array) -> None:
-    """A Chebyshev series at all nodes by Clenshaw's recurrence, into ``b1``; m is even.
-
-    Four degrees a pass over the nodes; ``y`` is twice the argument.
-    """
-    for i in range(y.size):
-        b1[i] = 0.0
-        b2[i] = 0.0
-    for j in range(m - 4, -1, -4):
-        c0, c1 = coefficients[j], coefficients[j + 1]
-        c2, c3 = coefficients[j + 2], coefficients[j + 3]
-        for i in range(y.size):
-            odd = c3 + y[i] * b1[i] - b2[i]
-            even = c2 + y[i] * odd - b1[i]
-            b2[i] = c1 + y[i] * even - odd
-            b1[i] = c0 + y[i] * b2[i] - even
-    for i in range(y.size):
-        b1[i] -= 0.5 * y[i] * b2[i]
 
 
 @compiled()

@@ -30,16 +30,10 @@ from pbrdf_bayes.physics.effects.volume import volume_brdf, volume_dhr
 from pbrdf_bayes.physics.elementary import exp, log
 from pbrdf_bayes.physics.fresnel import Surface, reflectances, surface
 from pbrdf_bayes.physics.geometry import Geometry
-from pbrdf_bayes.physics.line_shapes import VOIGT
-from pbrdf_bayes.physics.normalisation import (
-    VALUES,
-    Incidence,
-    Workspace,
-    incidence,
-    workspace,
-)
+from pbrdf_bayes.physics.line_shapes import LORENTZIAN, VOIGT
+from pbrdf_bayes.physics.normalisation import VALUES, Workspace, incidence, workspace
 from pbrdf_bayes.physics.scene import EffectValues, Scene, effects_of
-from pbrdf_bayes.physics.shaped_lobes import Lobe, lobe, shaped_log_lobes
+from pbrdf_bayes.physics.shaped_lobes import MEAN_SINE, Lobe, lobe, shaped_log_lobes
 from pbrdf_bayes.physics.shaped_normalisation import (
     ShapedWorkspace,
     shaped_cumulative,
@@ -55,20 +49,26 @@ _LARGEST_THETA_I = 89.95 * _DEGREE
 _BLUR, _BLUR_WEIGHT = np.polynomial.legendre.leggauss(7)
 
 
+class _Where(NamedTuple):
+    """Directions: fields of `Directions`, angles as in `Geometry`, and what `_fill_polar` makes."""
+
+    directions: Array
+    angles: Array
+    polar: Array
+
+
 class _Work(NamedTuple):
     """Arrays of one evaluation, allocated once for many."""
 
     lobes: ShapedWorkspace
-    directions: Array
-    angles: Array
+    as_read: _Where
+    moved: _Where
     f: Array
     """(2, n_directions): BRDF of s and p."""
     scale: Array
     """(n_incidence, 2): DHR over norm of s and p."""
     diffuse: Array
     """(2, n_directions): BRDF of s and p beside the surface."""
-    polar: Array
-    """(3, n_directions): see `_fill_polar`."""
     quadrature: Workspace
     strict: Buffers
 
@@ -76,12 +76,12 @@ class _Work(NamedTuple):
 @compiled()
 def _make_work(geometry: Geometry) -> _Work:
     n, n_incidence = geometry.directions.shape[1], geometry.incidences.shape[0]
-    polar = np.empty((3, n))
-    _fill_polar(geometry.angles, polar)
+    as_read = _Where(geometry.directions, geometry.angles, np.empty((3, n)))
+    _fill_polar(as_read.angles, as_read.polar)
+    moved = _Where(np.empty((8, n)), np.empty((3, n)), np.empty((3, n)))
     return _Work(
-        shaped_workspace(), geometry.directions.copy(), geometry.angles.copy(), np.empty((2, n)),
-        np.empty((n_incidence, 2)), np.empty((2, n)), polar, workspace(),
-        buffers(n, n_incidence, VALUES),
+        shaped_workspace(), as_read, moved, np.empty((2, n)), np.empty((n_incidence, 2)),
+        np.empty((2, n)), workspace(), buffers(n, n_incidence, VALUES),
     )  # fmt: skip
 
 
@@ -108,13 +108,13 @@ def evaluate_scene(
     n_sets = parameters.shape[0]
     log_f = np.empty((n_sets, 3, geometry.directions.shape[1]))
     dhr = np.empty((n_sets, geometry.dhr_sine.size))
-    work = _make_work(geometry)
+    work, sample = _make_work(geometry), np.empty((2, dhr.shape[1]))
     for i in range(n_sets):
         x = parameters[i]
         surf = surface(x[0], x[1], x[2], x[3])
         effects = effects_of(scene, x)
         _fill_brdf(geometry, scene, effects, surf, digits, work, log_f[i])
-        _fill_dhr(geometry, effects, surf, dhr[i])
+        _fill_dhr(geometry, effects, surf, sample, dhr[i])
     return log_f, dhr
 
 
@@ -133,10 +133,11 @@ def conserves_energy(geometry: Geometry, scene: Scene, parameters: Array) -> NDA
     At the angles of incidence of the readings, and with (nearly) grazing light, for s and for p.
     """
     result = np.empty(parameters.shape[0], dtype=np.bool_)
+    sample = np.empty((2, geometry.dhr_sine.size))
     for i in range(parameters.shape[0]):
         x = parameters[i]
         surf = surface(x[0], x[1], x[2], x[3])
-        result[i] = _largest_dhr(geometry, effects_of(scene, x), surf) <= 1.0
+        result[i] = _largest_dhr(geometry, effects_of(scene, x), surf, sample) <= 1.0
     return result
 
 
@@ -148,35 +149,54 @@ def _fill_brdf(
     """Ln BRDF of s, p, u into ``out`` (3, n_directions)."""
     if geometry.start.size <= 1:
         return
-    aperture = effects.aperture_deg * _DEGREE
-    n_nodes = _BLUR.size if aperture > 0.0 else 1
-    moved = n_nodes > 1 or effects.offset_theta_i_deg != 0.0 or effects.offset_theta_r_deg != 0.0
-    if not moved and scene.strict_lobes:
+    moved = (
+        effects.aperture_deg > 0.0
+        or effects.offset_theta_i_deg != 0.0
+        or effects.offset_theta_r_deg != 0.0
+    )
+    lorentzian = scene.line_shape == LORENTZIAN and scene.fresnel_at == MEAN_SINE
+    if lorentzian and effects.narrowing == 1.0 and not moved:
         log_brdf(geometry, surf, digits, VALUES, work.quadrature, work.strict)
         _add_diffuse(geometry, effects, surf, work)
     else:
-        work.f[:] = 0.0
         parameter = effects.eta if scene.line_shape == VOIGT else effects.nu
         shaped = lobe(scene.line_shape, parameter, effects.narrowing, scene.fresnel_at)
-        cumulative = shaped_cumulative(surf, shaped, digits, work.lobes)
-        for node in range(n_nodes):
-            blur = aperture * _BLUR[node] if n_nodes > 1 else 0.0
-            weight = 0.5 * _BLUR_WEIGHT[node] if n_nodes > 1 else 1.0
-            if moved:
-                _move(geometry.angles, effects, blur, work.angles)
-                fill_directions(work.angles[0], work.angles[1], work.angles[2], work.directions)
-                _fill_polar(work.angles, work.polar)
-            for j in range(geometry.start.size - 1):
-                inc = incidence(work.angles[0, geometry.start[j]])
-                if node == 0:
-                    norm_s, norm_p = shaped_integrals(
-                        inc, surf, shaped, cumulative, digits, work.lobes
-                    )
-                    f_s, f_p = reflectances(inc.sine, inc.cosine, surf)
-                    work.scale[j, 0] = surf.sigma_n0 * f_s / norm_s
-                    work.scale[j, 1] = surf.sigma_n0 * f_p / norm_p
-                _add_group(geometry, j, inc, effects, surf, shaped, weight, work)
+        where = work.moved if moved else work.as_read
+        _fill_shaped(geometry, effects, surf, shaped, where, moved, digits, work)
     _fill_logs(geometry, effects, work.f, out)
+
+
+@compiled()
+def _fill_shaped(
+    geometry: Geometry, effects: EffectValues, surf: Surface, shaped: Lobe, where: _Where,
+    moved: bool, digits: float, work: _Work,
+) -> None:  # fmt: skip
+    """BRDF with general lobes, as the detector sees it from where the goniometer is."""
+    work.f[:] = 0.0
+    blurred = effects.aperture_deg > 0.0
+    for node in range(_BLUR.size if blurred else 1):
+        blur = effects.aperture_deg * _DEGREE * _BLUR[node] if blurred else 0.0
+        weight = 0.5 * _BLUR_WEIGHT[node] if blurred else 1.0
+        if moved:
+            _move(geometry.angles, effects, blur, where)
+        if node == 0:
+            _fill_scales(geometry, surf, shaped, where, digits, work)
+        for j in range(geometry.start.size - 1):
+            _add_group(geometry, j, effects, surf, shaped, where, weight, work)
+
+
+@compiled()
+def _fill_scales(
+    geometry: Geometry, surf: Surface, shaped: Lobe, where: _Where, digits: float, work: _Work
+) -> None:
+    """DHR of the surface over its norm at every angle of incidence."""
+    cumulative = shaped_cumulative(surf, shaped, digits, work.lobes)
+    for j in range(geometry.start.size - 1):
+        inc = incidence(where.angles[0, geometry.start[j]])
+        norm_s, norm_p = shaped_integrals(inc, surf, shaped, cumulative, digits, work.lobes)
+        f_s, f_p = reflectances(inc.sine, inc.cosine, surf)
+        work.scale[j, 0] = surf.sigma_n0 * f_s / norm_s
+        work.scale[j, 1] = surf.sigma_n0 * f_p / norm_p
 
 
 @compiled()
@@ -185,7 +205,7 @@ def _add_diffuse(geometry: Geometry, effects: EffectValues, surf: Surface, work:
     for j in range(geometry.start.size - 1):
         a, b = geometry.start[j], geometry.start[j + 1]
         sine, cosine = geometry.incidences[j, 0], geometry.incidences[j, 1]
-        _fill_diffuse(sine, cosine, a, b, effects, surf, work)
+        _fill_diffuse(sine, cosine, work.as_read.polar, a, b, effects, surf, work)
         for q in range(2):
             log_f, more, f = work.strict.log_f[q][a:b], work.diffuse[q][a:b], work.f[q][a:b]
             for i in range(f.size):
@@ -194,12 +214,12 @@ def _add_diffuse(geometry: Geometry, effects: EffectValues, surf: Surface, work:
 
 @compiled()
 def _fill_diffuse(
-    sine_i: float, cosine_i: float, a: int, b: int, effects: EffectValues, surf: Surface,
-    work: _Work,
+    sine_i: float, cosine_i: float, polar: Array, a: int, b: int, effects: EffectValues,
+    surf: Surface, work: _Work,
 ) -> None:  # fmt: skip
     """BRDF [sr^-1] beside the surface of the directions a to b, for s and p illumination."""
     f_s, f_p = work.diffuse[0][a:b], work.diffuse[1][a:b]
-    sine, cosine, cos_g = work.polar[0][a:b], work.polar[1][a:b], work.polar[2][a:b]
+    sine, cosine, cos_g = polar[0][a:b], polar[1][a:b], polar[2][a:b]
     same = lambert_brdf(effects.lambert)
     for i in range(f_s.size):
         f_s[i] = f_p[i] = same
@@ -232,28 +252,31 @@ def _fill_polar(angles: Array, out: Array) -> None:
 
 
 @compiled()
-def _move(angles: Array, effects: EffectValues, blur: float, out: Array) -> None:
-    """Angles as they were, not as they were read; (3, n) both."""
-    for i in range(angles.shape[1]):
-        theta_i = angles[0, i] + effects.offset_theta_i_deg * _DEGREE
-        theta_r = angles[1, i] + effects.offset_theta_r_deg * _DEGREE + blur
-        mirrored = theta_i < 0.0  # the same plane seen from its other side
-        out[0, i] = min(abs(theta_i), _LARGEST_THETA_I)
-        out[1, i] = min(max(-theta_r if mirrored else theta_r, -0.5 * pi), 0.5 * pi)
-        out[2, i] = angles[2, i]
+def _move(angles: Array, effects: EffectValues, blur: float, out: _Where) -> None:
+    """Directions as they were, from angles as they were read."""
+    theta_i, theta_r, phi_r = out.angles[0], out.angles[1], out.angles[2]
+    for i in range(theta_i.size):
+        incident = angles[0, i] + effects.offset_theta_i_deg * _DEGREE
+        scattered = angles[1, i] + effects.offset_theta_r_deg * _DEGREE + blur
+        mirrored = incident < 0.0  # the same plane seen from its other side
+        theta_i[i] = min(abs(incident), _LARGEST_THETA_I)
+        theta_r[i] = min(max(-scattered if mirrored else scattered, -0.5 * pi), 0.5 * pi)
+        phi_r[i] = angles[2, i]
+    fill_directions(theta_i, theta_r, phi_r, out.directions)
+    _fill_polar(out.angles, out.polar)
 
 
 @compiled()
 def _add_group(
-    geometry: Geometry, j: int, inc: Incidence, effects: EffectValues, surf: Surface, shaped: Lobe,
+    geometry: Geometry, j: int, effects: EffectValues, surf: Surface, shaped: Lobe, where: _Where,
     weight: float, work: _Work,
 ) -> None:  # fmt: skip
     """Add weight times the BRDF of the directions of one angle of incidence."""
     a, b = geometry.start[j], geometry.start[j + 1]
     scale_s, scale_p = work.scale[j, 0], work.scale[j, 1]
-    _fill_diffuse(inc.sine, inc.cosine, a, b, effects, surf, work)
+    theta_i, g = where.angles[0, a], where.directions
+    _fill_diffuse(np.sin(theta_i), np.cos(theta_i), where.polar, a, b, effects, surf, work)
     peak_s, peak_p = shaped_log_lobes(0.0, 1.0, 0.0, 1.0, surf, shaped)
-    g = work.directions
     for i in range(a, b):
         log_s, log_p = shaped_log_lobes(g[0, i], g[1, i], g[2, i], g[3, i], surf, shaped)
         if geometry.in_plane[j]:
@@ -304,22 +327,34 @@ def _dhr(
 
 
 @compiled()
-def _fill_dhr(geometry: Geometry, effects: EffectValues, surf: Surface, out: Array) -> None:
-    """DHR of the rows as the instrument reads it, into ``out`` (n_dhr,)."""
+def _fill_sample_dhr(geometry: Geometry, effects: EffectValues, surf: Surface, out: Array) -> None:
+    """DHR of s and p of the sample at the angles of the rows, into ``out`` (2, n_dhr)."""
     escaped = escape(surf) if effects.bulk > 0.0 else 0.0
-    leak = effects.leakage
-    for i in range(out.size):
-        s, p = _dhr(
-            geometry.dhr_theta_i[i], geometry.dhr_sine[i], geometry.dhr_cosine[i], effects, surf,
-            escaped,
-        )  # fmt: skip
-        q = geometry.dhr_polarization[i]
-        share = 1.0 - leak if q == 0 else leak if q == 1 else 0.5
-        out[i] = share * s + (1.0 - share) * p + effects.dhr_offset
+    for i in range(out.shape[1]):
+        first = geometry.dhr_first[i]
+        if first < i:
+            out[0, i], out[1, i] = out[0, first], out[1, first]
+        else:
+            sine, cosine = geometry.dhr_sine[i], geometry.dhr_cosine[i]
+            out[0, i], out[1, i] = _dhr(
+                geometry.dhr_theta_i[i], sine, cosine, effects, surf, escaped
+            )
 
 
 @compiled()
-def _largest_dhr(geometry: Geometry, effects: EffectValues, surf: Surface) -> float:
+def _fill_dhr(
+    geometry: Geometry, effects: EffectValues, surf: Surface, sample: Array, out: Array
+) -> None:
+    """DHR of the rows as the instrument reads it, into ``out`` (n_dhr,)."""
+    _fill_sample_dhr(geometry, effects, surf, sample)
+    for i in range(out.size):
+        q = geometry.dhr_polarization[i]
+        share = 1.0 - effects.leakage if q == 0 else effects.leakage if q == 1 else 0.5
+        out[i] = share * sample[0, i] + (1.0 - share) * sample[1, i] + effects.dhr_offset
+
+
+@compiled()
+def _largest_dhr(geometry: Geometry, effects: EffectValues, surf: Surface, sample: Array) -> float:
     """Largest DHR of s and p over all angles of incidence of the readings, and at grazing.
 
     Each term has an upper bound; where even their sum is below 1 that is enough.
@@ -334,7 +369,7 @@ def _largest_dhr(geometry: Geometry, effects: EffectValues, surf: Surface) -> fl
     for i in range(geometry.incidences.shape[0]):
         row = geometry.incidences[i]
         largest = max(largest, *_dhr(row[2], row[0], row[1], effects, surf, escaped))
-    for i in range(geometry.dhr_sine.size):
-        sine, cosine = geometry.dhr_sine[i], geometry.dhr_cosine[i]
-        largest = max(largest, *_dhr(geometry.dhr_theta_i[i], sine, cosine, effects, surf, escaped))
+    _fill_sample_dhr(geometry, effects, surf, sample)
+    for i in range(sample.shape[1]):
+        largest = max(largest, sample[0, i], sample[1, i])
     return largest

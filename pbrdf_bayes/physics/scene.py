@@ -14,51 +14,9 @@ from pbrdf_bayes.physics.shaped_lobes import FRESNEL_AT
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-NULLS = {
-    "nu": 1.0, "eta": 1.0, "narrowing": 1.0, "lambert": 0.0, "bulk": 0.0, "volume": 0.0,
-    "asymmetry": 0.45, "backscatter": 0.0, "backscatter_width": 0.05, "dhr_offset": 0.0,
-    "scale_p": 1.0, "leakage": 0.0, "offset_theta_i_deg": 0.0, "offset_theta_r_deg": 0.0,
-    "aperture_deg": 0.0,
-}  # fmt: skip
-"""Parameters beyond the four, each with the value at which it does nothing."""
-
-
-class Scene(NamedTuple):
-    """What is asked for, in the order of `NULLS`."""
-
-    line_shape: int
-    """Code of `pbrdf_bayes.physics.line_shapes`."""
-    fresnel_at: int
-    """Where the Fresnel factor of a lobe is taken, see `shaped_lobes`."""
-    column: Index
-    """Column of each parameter in the array of parameter sets, -1 for what is not asked for."""
-    null: Array
-    strict_lobes: bool
-    """The lobes are those of the 2011 paper."""
-
-
-def make_scene(line_shape: str, fresnel_at: str, names: tuple[str, ...]) -> Scene:
-    """What is asked for, with parameters in the columns that have their names.
-
-    Parameters
-    ----------
-    line_shape : str
-        Of `pbrdf_bayes.physics.line_shapes.LINE_SHAPES`.
-    fresnel_at : str
-        Of `pbrdf_bayes.physics.shaped_lobes.FRESNEL_AT`.
-    names : tuple of str
-        Names of the columns of parameter sets.
-    """
-    columns = [names.index(name) if name in names else -1 for name in NULLS]
-    return Scene(
-        LINE_SHAPES[line_shape], FRESNEL_AT[fresnel_at], np.array(columns, dtype=np.int64),
-        np.array(list(NULLS.values())),
-        line_shape == "lorentzian" and fresnel_at == "mean-sine" and "narrowing" not in names,
-    )  # fmt: skip
-
 
 class EffectValues(NamedTuple):
-    """The values of one parameter set, named as in `NULLS`."""
+    """The values of one parameter set beyond the four parameters."""
 
     nu: float
     eta: float
@@ -77,10 +35,47 @@ class EffectValues(NamedTuple):
     aperture_deg: float
 
 
+NULL = EffectValues(
+    nu=1.0, eta=1.0, narrowing=1.0, lambert=0.0, bulk=0.0, volume=0.0, asymmetry=0.45,
+    backscatter=0.0, backscatter_width=0.05, dhr_offset=0.0, scale_p=1.0, leakage=0.0,
+    offset_theta_i_deg=0.0, offset_theta_r_deg=0.0, aperture_deg=0.0,
+)  # fmt: skip
+"""The values that do nothing."""
+_NULL = np.array(NULL)
+
+
+class Scene(NamedTuple):
+    """What is asked for."""
+
+    line_shape: int
+    """Code of `pbrdf_bayes.physics.line_shapes`."""
+    fresnel_at: int
+    """Where the Fresnel factor of a lobe is taken, see `shaped_lobes`."""
+    column: Index
+    """For each field of `EffectValues` its column in the array of parameter sets; -1 for none."""
+
+
+def make_scene(line_shape: str, fresnel_at: str, names: tuple[str, ...]) -> Scene:
+    """What is asked for, with parameters in the columns that have their names.
+
+    Parameters
+    ----------
+    line_shape : str
+        Of `pbrdf_bayes.physics.line_shapes.LINE_SHAPES`.
+    fresnel_at : str
+        Of `pbrdf_bayes.physics.shaped_lobes.FRESNEL_AT`.
+    names : tuple of str
+        Names of the columns of parameter sets.
+    """
+    columns = [names.index(name) if name in names else -1 for name in EffectValues._fields]
+    codes = LINE_SHAPES[line_shape], FRESNEL_AT[fresnel_at]
+    return Scene(*codes, np.array(columns, dtype=np.int64))
+
+
 @compiled()
 def effects_of(scene: Scene, x: Array) -> EffectValues:
     """Values of a parameter set, null where nothing is asked for."""
-    v = scene.null.copy()
+    v = _NULL.copy()
     for i in range(v.size):
         if scene.column[i] >= 0:
             v[i] = x[scene.column[i]]

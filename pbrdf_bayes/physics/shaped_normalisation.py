@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.elementary import exp, half_sincos, log
 from pbrdf_bayes.physics.fresnel import Surface, transmittances
-from pbrdf_bayes.physics.normalisation import (
-    MATRICES,
-    MATRIX_START,
+from pbrdf_bayes.physics.normalisation import Incidence
+from pbrdf_bayes.physics.quadrature import (
     MAX_ORDER,
     ORDER_STEP,
     POINTS,
-    Incidence,
+    antiderivative,
+    first_point,
     lay_panels,
     sum_expansion,
 )
@@ -154,15 +154,14 @@ def shaped_cumulative(
     for i in range(n):
         longest = max(longest, ws.pieces[4, i])
     m = _series_order(longest, digits, pole_distance(shaped))
-    first = ORDER_STEP * (m // ORDER_STEP - 1) * (m // ORDER_STEP) // 2
     before_s = before_p = 0.0
     for i in range(n):
         ws.coefficients[0, i, 0] = before_s
         ws.coefficients[1, i, 0] = before_p
-        _place_transverse_nodes(i, first, m, ws)
+        _place_transverse_nodes(i, first_point(m), m, ws)
         _fill_lobes(m, 0.0, 1.0, surf, shaped, ws)
-        _antiderivative(m, ws.lobes[0], ws.coefficients[0, i])
-        _antiderivative(m, ws.lobes[1], ws.coefficients[1, i])
+        antiderivative(m, ws.lobes[0], ws.coefficients[0, i, 1:])
+        antiderivative(m, ws.lobes[1], ws.coefficients[1, i, 1:])
         for j in range(1, m + 1):
             before_s += ws.coefficients[0, i, j]
             before_p += ws.coefficients[1, i, j]
@@ -201,18 +200,6 @@ def _fill_lobes(
     fill_reflectances(ws.nodes, n, sine_i, cosine_i, surf, place, ws.lobes[0], ws.lobes[1])
     for q in range(2):
         fill_shape(ws.nodes, n, ws.lobes[2 + q], shaped.shape, ws.lobes[q])
-
-
-@compiled(reassociate=True)
-def _antiderivative(m: int, samples: Array, out: Array) -> None:
-    """Coefficients of (C - C(v0)) / place from the samples, into ``out[1:]``."""
-    start = MATRIX_START[m // ORDER_STEP - 1]
-    for j in range(m):
-        row = MATRICES[start + j * m : start + (j + 1) * m]
-        total = 0.0
-        for i in range(m):
-            total += row[i] * samples[i]
-        out[1 + j] = total
 
 
 @compiled()

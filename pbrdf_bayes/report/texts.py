@@ -139,8 +139,9 @@ def leave_one_out_text(summary: Record) -> str:
 
 def model_text(summary: Record) -> str:
     """Say which model and which likelihood were used."""
-    effects = words_of(summary["effects"], "none, exactly the model of the 2011 paper")
     config = summary["config"]
+    effects = words_of(summary["effects"], "none")
+    place = config.get("fresnel_at", "mean-sine").replace("-", " ")
     noise = {
         "iid": "independent noise",
         "correlated": "independent noise and a correlated discrepancy",
@@ -149,7 +150,7 @@ def model_text(summary: Record) -> str:
         noise += f" (Student-t noise, {number(config['student_dof'])} degrees of freedom)"
     return (
         f"Four-parameter model (n, k, σ_N0, ρ_0) with the "
-        f"{summary['line_shape'].capitalize()} line shape. "
+        f"{summary['line_shape'].capitalize()} line shape, reflectance at the {place}. "
         f"Effects added: {effects}. BRDF readings enter by their logarithm, with {noise}; the "
         f"scale of the scans is {config.get('brdf_scale', MISSING)}. "
         f"Preset of priors: {config.get('prior', MISSING)}."

@@ -52,7 +52,9 @@ def identified(
     bound: tuple[float, ...] = (0.0,) * 4,
     share: float = 1.0,
 ) -> Identifiability:
-    return Identifiability(NAMES, np.full(4, 0.99), np.array(honest), share, np.array(bound))
+    return Identifiability(
+        NAMES, np.arange(4), np.full(4, 0.99), np.array(honest), share, np.array(bound)
+    )
 
 
 def holdout(rms: float, coverage: float) -> Holdout:
@@ -166,6 +168,26 @@ def test_a_rival_far_below_is_no_rival() -> None:
     found = verdicts(optima=optima(20.0))["modes"]
     assert found.verdict == "PASS"
     assert math.isnan(found.value)
+
+
+def test_modes_are_told_by_the_parameters_of_the_sample_wherever_they_stand() -> None:
+    """Column 0 is fixed, column 3 a noise; the optima differ in column 2 alone."""
+    found = identified()
+    some = replace(
+        found,
+        names=NAMES[1:3],
+        columns=np.array([1, 2]),
+        honest=found.honest[1:3],
+        bound_share=np.zeros(2),
+    )
+    draws = np.random.default_rng(1).normal(size=(8, 10, 4)) * [0.0, 1.0, 0.1, 1.0]
+    places = [np.zeros(4), np.array([0.0, 0.0, 5.0, 0.0]), np.array([0.0, 0.0, 0.0, 50.0])]
+    peaks = tuple(Optimum(x, 100.0 - i, 4) for i, x in enumerate(places))
+    told = verdicts(
+        identifiability=some, draws=replace(GOOD["draws"], x=draws), optima=MapResult(peaks, 16, 0)
+    )["modes"]
+    assert told.verdict == "WARN"
+    assert "1 other" in told.statement
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])

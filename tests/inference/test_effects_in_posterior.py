@@ -17,6 +17,8 @@ from pbrdf_bayes import (
 from pbrdf_bayes.config import EFFECTS, LINE_SHAPES
 from pbrdf_bayes.inference.effect_parameters import EFFECT_PARAMETERS, LINE_SHAPE_PARAMETERS
 from pbrdf_bayes.inference.map_fit import find_map
+from pbrdf_bayes.inference.mixture import Mixture
+from pbrdf_bayes.inference.sampling import start_walkers
 
 GRID = np.arange(-80.0, 81.0, 10.0)
 FIXED_N = {"n": {"kind": "fixed", "value": 1.5}}
@@ -96,6 +98,30 @@ def test_more_light_than_came_in_has_no_probability(measurement):
     x[:, posterior.parameter_names.index("sigma_n0")] = 0.9
     x[:, posterior.parameter_names.index("lambert")] = 0.9
     assert np.all(np.isneginf(posterior.log_prior(x)))
+
+
+def test_priors_that_leave_no_sample_are_refused(measurement):
+    priors = {"lambert": {"kind": "fixed", "value": 1.0}}
+    posterior = build_posterior(measurement, RunConfig(effects=("lambert",), priors=priors))
+    with pytest.raises(ConfigError, match="reflect more than they receive"):
+        posterior.sample_prior(np.random.default_rng(1), 4)
+
+
+def test_something_has_to_be_left_to_infer(measurement):
+    values = {"n": 1.5, "k": 0.1, "sigma_n0": 0.4, "rho0": 0.4}
+    priors = {name: {"kind": "fixed", "value": v} for name, v in values.items()}
+    with pytest.raises(ConfigError, match="every parameter of the sample is fixed"):
+        build_posterior(measurement, RunConfig(priors=priors))
+    assert build_posterior(measurement, RunConfig(priors=priors, effects=("lambert",))).n_par > 4
+
+
+def test_walkers_start_anywhere_in_the_prior_where_no_other_place_is_found(measurement):
+    posterior = build_posterior(measurement, RunConfig(priors=FIXED_N, effects=("lambert",)))
+    n = posterior.free.size
+    elsewhere = Mixture(np.full((1, n), 50.0), 1e-6 * np.eye(n)[None], np.ones(1))
+    z = start_walkers(posterior, elsewhere, 8, 1)
+    assert z.shape == (8, n)
+    assert np.all(np.isfinite(posterior.log_prior(posterior.from_coordinates(z))))
 
 
 def test_the_optimum_finds_what_was_simulated(measurement):

@@ -13,7 +13,7 @@ from pbrdf_bayes import GREEN_PAINT, DomainError, Effects, Parameters, brdf, dhr
 from pbrdf_bayes.effects import EFFECT_DOMAIN, scene_and_columns
 from pbrdf_bayes.physics.geometry import prepare_geometry
 from pbrdf_bayes.physics.scattering import conserves_energy, evaluate_with_effects
-from pbrdf_bayes.physics.scene import NULLS
+from pbrdf_bayes.physics.scene import EffectValues
 
 GRID = np.linspace(-90.0, 90.0, 37)
 
@@ -36,8 +36,10 @@ def general(effects, theta_i_deg, theta_r_deg, q, phi_r_deg=0.0, parameters=GREE
 @pytest.mark.parametrize("q", ["s", "p", "u"])
 @pytest.mark.parametrize("phi", [0.0, 40.0])
 @pytest.mark.parametrize("theta_i", [0.0, 60.0, 85.0])
-def test_with_all_values_null_the_model_is_that_of_four_parameters(q, phi, theta_i):
-    found = general(Effects(), theta_i, GRID, q, phi)
+@pytest.mark.parametrize("line_shape", ["lorentzian", "cauchy"])
+def test_with_all_values_null_the_model_is_that_of_four_parameters(q, phi, theta_i, line_shape):
+    """The strict lobes in the general kernel, and the general lobes at nu = 1."""
+    found = general(Effects(line_shape=line_shape), theta_i, GRID, q, phi)
     expected = brdf(GREEN_PAINT, theta_i, GRID, q, phi_r_deg=phi, rtol=1e-10)
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
@@ -124,7 +126,41 @@ def test_leakage_and_scale():
     assert dhr_p == pytest.approx(expected)
 
 
-ranges = {name: st.floats(*EFFECT_DOMAIN[name]) for name in NULLS}
+def test_a_set_with_an_offset_leaves_the_next_one_where_it_was():
+    theta_r = np.deg2rad(GRID)
+    geometry = prepare_geometry(
+        theta_i=np.full(theta_r.size, 0.5), theta_r=theta_r, phi_r=np.zeros(theta_r.size),
+        polarization=np.full(theta_r.size, "s"), dhr_theta_i=np.zeros(0),
+        dhr_polarization=np.zeros(0, np.str_),
+    )  # fmt: skip
+    both = []
+    for offset in (0.5, 0.0):
+        effects = Effects(line_shape="cauchy", nu=1.2, volume=0.1, offset_theta_r_deg=offset)
+        scene, x = scene_and_columns(effects, GREEN_PAINT.as_array())
+        both.append(x[0])
+    together, _ = evaluate_with_effects(geometry, scene, np.array(both), 8.0)
+    for x, found in zip(both, together, strict=True):
+        alone, _ = evaluate_with_effects(geometry, scene, x[None, :], 8.0)
+        np.testing.assert_array_equal(found, alone[0])
+
+
+def test_dhr_rows_at_the_same_angle_are_those_of_their_own_polarisation():
+    effects, theta = Effects(bulk=0.2, volume=0.1), [20.0, 70.0, 20.0]
+    geometry = prepare_geometry(
+        theta_i=np.zeros(0), theta_r=np.zeros(0), phi_r=np.zeros(0),
+        polarization=np.zeros(0, np.str_), dhr_theta_i=np.deg2rad(theta),
+        dhr_polarization=np.array(["s", "p", "p"]),
+    )  # fmt: skip
+    scene, x = scene_and_columns(effects, GREEN_PAINT.as_array())
+    _, found = evaluate_with_effects(geometry, scene, x, 8.0)
+    expected = [
+        float(dhr(GREEN_PAINT, angle, q, effects=effects))
+        for angle, q in zip(theta, "spp", strict=True)
+    ]
+    np.testing.assert_allclose(found[0], expected, rtol=1e-14)
+
+
+ranges = {name: st.floats(*EFFECT_DOMAIN[name]) for name in EffectValues._fields}
 
 
 @given(

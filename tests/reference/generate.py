@@ -215,7 +215,12 @@ def normalisation(
     edge = min(surface.rho0, inc.cosine, mp.mpf(0.05))
     breaks = graded(inc.angle, peak_width(surface, inc), mp.mpf(0), half_pi, ratio)
     breaks |= graded(half_pi, edge, mp.mpf(0), half_pi, ratio)
-    panels = [Panel(surface, inc, rule, *ends) for ends in itertools.pairwise(sorted(breaks))]
+    return integrate(sorted(breaks), lambda low, high: Panel(surface, inc, rule, low, high))
+
+
+def integrate(edges: list[mpf], between: Callable[[mpf, mpf], Panel]) -> tuple[Pair, mpf]:
+    """Sums over panels, halved until the double step changes nothing, and how far it is off."""
+    panels = [between(*ends) for ends in itertools.pairwise(edges)]
     while True:
         integrals, differences = assemble(panels)
         if max(differences) < TOLERANCE:
@@ -226,8 +231,7 @@ def normalisation(
                 halved.append(panel)
             else:
                 middle = (panel.low + panel.high) / 2
-                halved.append(Panel(surface, inc, rule, panel.low, middle))
-                halved.append(Panel(surface, inc, rule, middle, panel.high))
+                halved += [between(panel.low, middle), between(middle, panel.high)]
         panels = halved
 
 

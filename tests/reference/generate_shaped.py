@@ -25,13 +25,13 @@ from generate import (
     Pair,
     Panel,
     Point,
-    assemble,
     composite,
     gauss_legendre,
     graded,
     grid,
     header,
     incidence,
+    integrate,
     log_uniform,
     mp,
     produce,
@@ -173,20 +173,7 @@ def normalisation(surface: ShapedSurface, inc: Incidence) -> tuple[Pair, mpf]:
     """Integral of A_q B_q' over the unit disk for s and p, and how far the double step is off."""
     rule = grid(STEP, TAIL, 30)
     edges = sorted(breaks(surface, inc))
-    panels = [Panel(surface, inc, rule, *ends) for ends in itertools.pairwise(edges)]
-    while True:
-        integrals, differences = assemble(panels)
-        if max(differences) < TOLERANCE:
-            return integrals, max(differences)
-        halved = []
-        for panel, difference in zip(panels, differences, strict=True):
-            if difference < TOLERANCE:
-                halved.append(panel)
-            else:
-                middle = (panel.low + panel.high) / 2
-                halved.append(Panel(surface, inc, rule, panel.low, middle))
-                halved.append(Panel(surface, inc, rule, middle, panel.high))
-        panels = halved
+    return integrate(edges, lambda low, high: Panel(surface, inc, rule, low, high))
 
 
 def record(point: Point) -> tuple[Point, float]:

@@ -14,14 +14,10 @@ detector of finite aperture sees it.
 
 from __future__ import annotations
 
-from math import asinh, cos, cosh, pi, sin, sinh, sqrt
-
-import numpy as np
+from math import cos, pi, sin, sqrt
 
 from pbrdf_bayes.physics.compiled import compiled
-
-_X, _W = np.polynomial.legendre.leggauss(24)
-_NODE, _WEIGHT = 0.5 * (1.0 + _X), 0.5 * _W
+from pbrdf_bayes.physics.effects.polar_nodes import polar_nodes
 
 
 @compiled(inline=True)
@@ -34,15 +30,10 @@ def backscatter_brdf(cos_g: float, height: float, width: float) -> float:
 @compiled()
 def backscatter_dhr(theta_i: float, height: float, width: float) -> float:
     """DHR [1] at the angle of incidence [rad]."""
+    theta, weight = polar_nodes(theta_i, width)
     total = 0.0
-    for side in (-1.0, 1.0):
-        reach = theta_i if side < 0.0 else 0.5 * pi - theta_i
-        length = asinh(reach / width)
-        for i in range(_NODE.size):
-            u = length * _NODE[i]
-            theta = theta_i + side * width * sinh(u)
-            weight = _WEIGHT[i] * length * width * cosh(u)
-            total += weight * _ring(theta_i, theta, width * width)
+    for i in range(theta.size):
+        total += weight[i] * _ring(theta_i, theta[i], width * width)
     return height / pi * total
 
 

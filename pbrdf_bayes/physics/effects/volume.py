@@ -17,14 +17,11 @@ doi:10.1086/144246, scaled to 1 backwards.
 
 from __future__ import annotations
 
-from math import asinh, cos, cosh, pi, sin, sinh, sqrt
-
-import numpy as np
+from math import cos, pi, sin, sqrt
 
 from pbrdf_bayes.physics.compiled import compiled
+from pbrdf_bayes.physics.effects.polar_nodes import polar_nodes
 
-_X, _W = np.polynomial.legendre.leggauss(24)
-_NODE, _WEIGHT = 0.5 * (1.0 + _X), 0.5 * _W
 _STEPS = 8
 _NEGLIGIBLE = 1e-9
 
@@ -59,19 +56,11 @@ def elliptic_e(m: float) -> float:
 
 @compiled()
 def volume_dhr(theta_i: float, strength: float, b: float) -> float:
-    """DHR [1] at the angle of incidence [rad].
-
-    Distance from theta_i = (1 - b) sinh u on either side of the ring that holds the peak.
-    """
-    width = 1.0 - b
+    """DHR [1] at the angle of incidence [rad]."""
+    theta, weight = polar_nodes(theta_i, 1.0 - b)
     total = 0.0
-    for side in (-1.0, 1.0):
-        reach = theta_i if side < 0.0 else 0.5 * pi - theta_i
-        length = asinh(reach / width)
-        for i in range(_NODE.size):
-            u = length * _NODE[i]
-            theta = theta_i + side * width * sinh(u)
-            total += _WEIGHT[i] * length * width * cosh(u) * _ring(theta_i, theta, b)
+    for i in range(theta.size):
+        total += weight[i] * _ring(theta_i, theta[i], b)
     return strength / pi * total
 
 
