@@ -162,6 +162,12 @@ class RunConfig:
         return tuple(words)
 
     @property
+    def model_name(self) -> str:
+        """The model in words."""
+        added = f" with {', '.join(self.additions)}" if self.additions else ""
+        return f"four-parameter model{added}"
+
+    @property
     def rtol(self) -> float:
         """Relative tolerance of the normalisation integral."""
         return ACCURACIES[self.accuracy].rtol

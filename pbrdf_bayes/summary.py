@@ -45,6 +45,7 @@ def summarise(s: Stages) -> dict[str, Any]:
         "versions": versions(),
         "platform": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
         "seed": s.seed,
+        "model": config.model_name,
         "effects": list(config.effects),
         "line_shape": config.line_shape,
         "effects_choice": None if s.effects_choice is None else asdict(s.effects_choice),
@@ -84,11 +85,10 @@ def _headline(s: Stages, verdict: str) -> str:
         return f"Look at the data first: {check.statement}"
     rms = s.least_squares[1]
     if np.isnan(rms):
-        return "The four-parameter model describes the DHR readings; see what they do not identify."
-    additions = s.posterior.config.additions
-    added = f" with {', '.join(additions)}" if additions else ""
+        name = s.posterior.config.model_name
+        return f"The {name} describes the DHR readings; see what they do not identify."
     return (
-        f"The four-parameter model{added} describes the readings to {rms:.3f} dex rms "
+        f"The {s.posterior.config.model_name} describes the readings to {rms:.3f} dex rms "
         f"({100 * (10**rms - 1):.1f} %), and every check passes."
     )
 
@@ -141,11 +141,12 @@ def _parameters(s: Stages) -> dict[str, Any]:
     for i, spec in enumerate(s.posterior.specs):
         values = flat[:, i]
         q025, q05, median, q95, q975 = np.quantile(values, [0.025, 0.05, 0.5, 0.95, 0.975])
+        mean, sd = (values[0], 0.0) if spec.is_fixed else (values.mean(), values.std(ddof=1))
         prior_sd = spec.prior.standard_deviation
         explained = 0.0 if spec.is_fixed else contraction(spec, values)
         table[spec.name] = {
             "symbol": spec.symbol, "unit": spec.unit, "description": spec.description,
-            "kind": spec.kind, "mean": values.mean(), "sd": values.std(ddof=1),
+            "kind": spec.kind, "mean": mean, "sd": sd,
             "median": median, "q05": q05, "q95": q95, "q025": q025, "q975": q975,
             "map": s.optima.best.x[i], "ess_bulk": draws.ess_bulk[i],
             "ess_tail": draws.ess_tail[i], "rhat": draws.rhat[i],

@@ -184,7 +184,7 @@ def _fit_posterior(
     applicability = judge_applicability(
         best_rms_dex=best_rms, repeatability=repeatability_dex(m, noise),
         bound_share=identifiability.bound_share.tolist(), names=identifiability.names,
-        holdouts=holdouts,
+        holdouts=holdouts, extended=choice is not None or bool(config.additions),
     )  # fmt: skip
     diagnostics = run_diagnostics(
         config=config, draws=draws, optima=optima, residuals=best, best_rms_dex=best_rms,

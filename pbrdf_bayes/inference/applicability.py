@@ -24,6 +24,14 @@ APPLIES, DESCRIPTIVE, DOES_NOT_APPLY = "applies", "descriptive only", "does not 
 _NOT_CONSTANTS = (
     "n and k are then not material constants, and their uncertainties are not valid as such."
 )
+_TRY_EFFECTS = (
+    "Try what else the sample does: fit with --effects auto, and look at the residuals for the "
+    "angle at which the misfit starts."
+)
+_LOOK = (
+    "No effect that was tried explains the rest: look at the residuals for the angle at which the "
+    "misfit starts."
+)
 
 
 @dataclass(frozen=True)
@@ -35,7 +43,7 @@ class Applicability:
     verdict : {"applies", "descriptive only", "does not apply"}
     reasons : tuple of str
         What speaks against it, with the numbers; empty where nothing does.
-    statement : str
+    statement, advice : str
     limit_dex : float
         Rms beyond which the model is descriptive only [dex].
     """
@@ -43,6 +51,7 @@ class Applicability:
     verdict: str
     reasons: tuple[str, ...]
     statement: str
+    advice: str
     limit_dex: float
 
 
@@ -62,7 +71,7 @@ def repeatability_dex(measurement: Measurement, white_noise_dex: float) -> float
 
 def judge_applicability(
     *, best_rms_dex: float, repeatability: float, bound_share: Sequence[float],
-    names: Sequence[str], holdouts: Sequence[Holdout],
+    names: Sequence[str], holdouts: Sequence[Holdout], extended: bool = False,
 ) -> Applicability:  # fmt: skip
     """Apply the three criteria.
 
@@ -77,6 +86,8 @@ def judge_applicability(
     names : sequence of str
     holdouts : sequence of Holdout
         All predictions of readings left out.
+    extended : bool
+        Effects were tried or are part of the model: the advice is not to try them again.
 
     Returns
     -------
@@ -105,9 +116,10 @@ def judge_applicability(
     reasons = (*wrong, *loose)
     if not reasons:
         words = "Nothing speaks against the model for this material."
-        return Applicability(verdict, (), words, limit)
+        return Applicability(verdict, (), words, "", limit)
     lead = "The model does not apply" if wrong else "The model is descriptive only"
-    return Applicability(verdict, reasons, f"{lead}: {'; '.join(reasons)}. {_NOT_CONSTANTS}", limit)
+    words = f"{lead}: {'; '.join(reasons)}. {_NOT_CONSTANTS}"
+    return Applicability(verdict, reasons, words, _LOOK if extended else _TRY_EFFECTS, limit)
 
 
 def applicability_diagnostic(found: Applicability, best_rms_dex: float) -> Diagnostic:
@@ -115,7 +127,5 @@ def applicability_diagnostic(found: Applicability, best_rms_dex: float) -> Diagn
     verdict = {APPLIES: PASS, DESCRIPTIVE: WARN, DOES_NOT_APPLY: FAIL}[found.verdict]
     return Diagnostic(
         "applicability", "Applicability of the model", best_rms_dex, found.limit_dex, "dex",
-        verdict, found.statement,
-        "" if verdict == PASS else "Try what else the sample does: fit with --effects auto, and "
-        "look at the residuals for the angle at which the misfit starts.",
+        verdict, found.statement, found.advice,
     )  # fmt: skip

@@ -138,6 +138,7 @@ def _front(analysis: Analysis) -> dict[str, Any]:
         "sample": summary["sample"],
         "short_sample": texts.shortened(summary["sample"]),
         "meta": texts.meta(summary),
+        "model_name": summary["model"],
         "created": str(summary["created_utc"]).replace("T", " ")[:16] + " UTC",
         "verdict": summary["verdict"],
         "headline": summary["headline"],

@@ -27,6 +27,13 @@ from pbrdf_bayes.report.numbers import (
 Record = Mapping[str, Any]
 _READINGS = 3
 DIAGONAL = ("1", "#eceef0")
+PARTS = {
+    "physical": "Physical parameters",
+    "instrument": "Instrument",
+    "nuisance": "Noise and calibration",
+    "fixed": "Held fixed",
+}
+"""Titles of the kinds of parameter, in the order of the table."""
 ORDER = {"FAIL": 0, "WARN": 1, "PASS": 2, "SKIP": 3}
 
 
@@ -62,6 +69,7 @@ class ParameterRow:
     symbol: Markup
     description: str
     unit: str
+    part: str
     physical: bool
     identified: bool
     mean: str
@@ -104,7 +112,7 @@ class CorrelationRow:
 def parameter_rows(
     summary: Record, priors: Mapping[str, NDArray[np.float64]]
 ) -> list[ParameterRow]:
-    """Physical parameters first, in the order of the summary.
+    """By the kind of parameter, in the order of the summary.
 
     Parameters
     ----------
@@ -112,17 +120,23 @@ def parameter_rows(
     priors : mapping of str to ndarray
         Draws of the prior of each parameter, for the bar that shows where the posterior lies in it.
     """
-    items = sorted(summary["parameters"].items(), key=lambda item: item[1]["kind"] != "physical")
+    order = list(PARTS)
+    items = sorted(summary["parameters"].items(), key=lambda item: order.index(item[1]["kind"]))
     return [_parameter_row(name, p, priors.get(name, np.zeros(0))) for name, p in items]
 
 
 def _parameter_row(name: str, p: Record, prior: NDArray[np.float64]) -> ParameterRow:
-    r = rounded(p["mean"], p["sd"], low=p["q025"], high=p["q975"], at_map=p["map"])
+    free = p["kind"] != "fixed"
+    r = rounded(
+        p["mean"], p["sd"] if free else None, low=p["q025"] if free else None,
+        high=p["q975"] if free else None, at_map=p["map"],
+    )  # fmt: skip
     return ParameterRow(
         name=name,
         symbol=symbol_markup(p["symbol"]),
         description=p["description"],
         unit="" if p["unit"] in ("", "1") else p["unit"],
+        part=PARTS[p["kind"]],
         physical=p["kind"] == "physical",
         identified=bool(p["identified"]),
         mean=r.value,
@@ -130,12 +144,12 @@ def _parameter_row(name: str, p: Record, prior: NDArray[np.float64]) -> Paramete
         low=r.low,
         high=r.high,
         map=r.map,
-        mcse=number(p["mcse_mean"], digits=2),
-        rhat=fixed(p["rhat"], 4 if (finite(p["rhat"]) or 2) < 1.1 else 2),
-        ess_bulk=count(p["ess_bulk"]),
-        ess_tail=count(p["ess_tail"]),
+        mcse=number(p["mcse_mean"] if free else None, digits=2),
+        rhat=fixed(p["rhat"], 4 if (finite(p["rhat"]) or 2) < 1.1 else 2) if free else MISSING,
+        ess_bulk=count(p["ess_bulk"] if free else None),
+        ess_tail=count(p["ess_tail"] if free else None),
         prior=p["prior"],
-        contraction=_contraction(p["contraction"]),
+        contraction=_contraction(p["contraction"] if free else None),
         effective=_contraction(p["contraction_effective"]) if "contraction_effective" in p else "",
         by_prior=fixed(p.get("prior_sensitivity"), 2),
         by_readings=fixed(p.get("likelihood_sensitivity"), 2),

@@ -87,9 +87,15 @@ def meta(summary: Record) -> str:
 def values_note(summary: Record) -> str:
     """Say what the values of the first screen are."""
     shape = str(summary["line_shape"]).capitalize()
+    fixed_ones = [
+        f"{p['symbol']} = {number(p['mean'])}"
+        for p in summary["parameters"].values()
+        if p["kind"] == "fixed"
+    ]
+    held = f" Held fixed: {', '.join(fixed_ones)}." if fixed_ones else ""
     return (
         "Mean ± standard uncertainty, and the equal-tailed 95 % credible interval. Conditional on "
-        f"the model, ρ_0 in particular on the {shape} line shape."
+        f"the model, ρ_0 in particular on the {shape} line shape.{held}"
     )
 
 

@@ -355,7 +355,7 @@ def test_even_thinning_depends_on_the_scan() -> None:
 def test_the_first_screen_says_where_n_and_k_are_no_constants() -> None:
     found = analysis("demo")
     words = "The model is descriptive only: the rms is large. n and k are not material constants."
-    told = {"verdict": "descriptive only", "reasons": ["x"], "statement": words, "limit_dex": 0.03}
+    told = {"verdict": "descriptive only", "reasons": ["x"], "statement": words}
     page = render_report(replace(found, summary={**found.summary, "applicability": told}))
     first = page[: page.index("<main")]
     assert words in first
