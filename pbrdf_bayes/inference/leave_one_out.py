@@ -23,10 +23,12 @@ from pbrdf_bayes.inference.conditionals import (
     brdf_conditionals,
     dhr_conditionals,
 )
+from pbrdf_bayes.inference.filtered_likelihood import noise_mixture
 from pbrdf_bayes.inference.importance import k_hat_limit
 from pbrdf_bayes.inference.mixture import Mixture, fit_mixture
 from pbrdf_bayes.inference.pareto import leave_one_out, smooth_weights
 from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.inference.row_evidence import Mixture as NoiseMixture
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -169,13 +171,14 @@ def leave_each_out(posterior: Posterior, draws: Array, *, seed: int) -> LeaveOne
     censored = np.concatenate([rows.censored, np.zeros(rows.dhr.size, dtype=bool)])
     found, brdf = _conditionals(posterior, picked)
     scored = _scored(found, rows.y.size)
-    out = _score(found, scored, censored, rng)
+    mixture = noise_mixture(posterior.config)
+    out = _score(found, scored, censored, mixture, rng)
     limit = k_hat_limit(size)
     swaying = scored[np.argsort(-out.k_hat[scored], kind="stable")][:_MOST_REFINED]
     swaying = swaying[out.k_hat[swaying] > limit]
     n_influential = int(np.sum(out.k_hat[scored] > limit))
     if swaying.size:
-        _refine(posterior, picked, swaying, censored, limit, out, rng)
+        _refine(posterior, picked, swaying, censored, limit, mixture, out, rng)
     lost = rows.floor2 / (np.mean(brdf, axis=0) ** 2 + rows.floor2 + _TINY) > _LOST_SHARE
     out.z[: rows.y.size][lost] = np.nan
     return _gather(posterior, out, n_draws=size, limit=limit, n_influential=n_influential)
@@ -197,30 +200,53 @@ def _scored(found: Conditionals, n_brdf: int) -> Index:
 
 
 def _score(
-    found: Conditionals, scored: Index, censored: NDArray[np.bool_], rng: np.random.Generator
-) -> Pointwise:
+    found: Conditionals, scored: Index, censored: NDArray[np.bool_], noise: NoiseMixture,
+    rng: np.random.Generator,
+) -> Pointwise:  # fmt: skip
     """Smooth the weights, reading by reading."""
     out = Pointwise(*(np.full(censored.size, np.nan) for _ in range(4)))
     for start in range(0, scored.size, _CHUNK):
         at = scored[start : start + _CHUNK]
-        away, density = _compare(found, at, censored[at])
+        away, density = _compare(found, at, censored[at], noise)
         out.elpd[at], out.k_hat[at], out.p_loo[at], log_weights = leave_one_out(density)
         out.z[at] = _place(away, np.exp(log_weights), censored[at], rng)
     return out
 
 
-def _compare(found: Conditionals, at: Index, censored: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Standardised errors and log densities of some readings, shape (n_readings, n_draws)."""
-    sd = np.sqrt(found.variance[:, at].T)
-    away = found.error[:, at].T / sd
+def _compare(
+    found: Conditionals, at: Index, censored: NDArray[np.bool_], noise: NoiseMixture
+) -> tuple[Array, Array]:
+    """Places and log densities of some readings, shape (n_readings, n_draws).
+
+    A place is the normal quantile of the probability of a reading as low as that; with normal
+    noise that is the standardised error.
+    """
+    error, variance, student = (part[:, at].T for part in found)
+    sd = np.sqrt(variance)
+    away = error / sd
     density = -0.5 * (away * away + _LN_2PI) - np.log(sd)
+    if student.any():
+        away, density = _compare_student(error, variance - student, student, noise)
     density[censored] = log_ndtr(away[censored])
     return away, density
 
 
+def _compare_student(
+    error: Array, known: Array, student: Array, noise: NoiseMixture
+) -> tuple[Array, Array]:
+    """The same beside noise that is a mixture of normal laws of variances times ``student``."""
+    tail, density = np.zeros(error.shape), np.full(error.shape, -np.inf)
+    for scale, log_weight in zip(noise.scale, noise.log_weight, strict=True):
+        sd = np.sqrt(known + scale * student)
+        away = error / sd
+        tail += np.exp(log_weight) * ndtr(-np.abs(away))
+        density = np.logaddexp(density, log_weight - 0.5 * (away * away + _LN_2PI) - np.log(sd))
+    return np.sign(error) * np.minimum(-ndtri(tail), _FARTHEST), density
+
+
 def _refine(
     posterior: Posterior, picked: Array, at: Index, censored: NDArray[np.bool_], limit: float,
-    out: Pointwise, rng: np.random.Generator,
+    noise: NoiseMixture, out: Pointwise, rng: np.random.Generator,
 ) -> None:  # fmt: skip
     """Score readings that the draws hang on by a sample of their own, adapted to their absence."""
     z = posterior.to_coordinates(picked)
@@ -230,7 +256,7 @@ def _refine(
     for i in at.tolist():
         proposal, one = shared, np.array([i])
         while True:
-            away, density = _compare(proposal.found, one, censored[one])
+            away, density = _compare(proposal.found, one, censored[one], noise)
             log_weights, k_hat = smooth_weights(proposal.log_weights - density)
             if k_hat[0] < out.k_hat[i]:
                 out.k_hat[i] = k_hat[0]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from arviz_stats.base import array_stats
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.stats import gamma, norm
 
 import pbrdf_bayes as pb
 from pbrdf_bayes.inference.conditionals import brdf_conditionals, dhr_conditionals
@@ -210,3 +210,93 @@ def test_without_scans_only_dhr_is_scored(make_measurement: Callable[..., Measur
     found, _ = run(make_measurement(rows))
     assert found.scans == ()
     assert [d.name for d in judge_readings(found)] == ["loo", "outliers"]
+
+
+# Student-t noise ----------------------------------------------------------------------------------
+
+DOF = 3.0
+
+
+def outlying(green: pb.Parameters) -> Measurement:
+    """Two scans, in each of which one reading is wrong by half."""
+    m = few(green)
+    value = m.brdf.value.copy()
+    value[[2, 14]] *= 1.5
+    return replace(m, brdf=replace(m.brdf, value=value))
+
+
+def student_given_others(
+    residual: Array, shared: Array, scale2: Array, i: int, rng: np.random.Generator
+) -> tuple[float, float]:
+    """Ln density and distribution function of reading i, the weights of the others drawn.
+
+    They are drawn from Gamma laws for residuals about the median, and weighed to their prior and to
+    the evidence of the other readings: nothing is approximated but for the number of draws.
+    """
+    n = 40_000
+    others = np.arange(residual.size) != i
+    away2 = (residual - np.median(residual))[others] ** 2 / scale2[others]
+    first = gamma(DOF / 2.0, scale=2.0 / DOF)
+    taken = gamma((DOF + 1.0) / 2.0, scale=2.0 / (DOF + away2))
+    weight = taken.rvs((n, residual.size - 1), random_state=rng)
+    covariance = (
+        shared[np.ix_(others, others)]
+        + np.eye(residual.size - 1) * (scale2[others] / weight)[:, None, :]
+    )
+    r, c = residual[others], shared[others, i]
+    solved = np.linalg.solve(covariance, np.broadcast_to(np.stack([r, c], 1), (n, r.size, 2)))
+    evidence = -0.5 * (solved[:, :, 0] @ r) - 0.5 * np.linalg.slogdet(covariance)[1]
+    evidence += np.sum(first.logpdf(weight) - taken.logpdf(weight), axis=1)
+    share = np.exp(evidence - evidence.max())
+    share /= share.sum()
+    assert 1.0 / np.sum(share**2) > 1000.0
+    mean, variance = solved[:, :, 0] @ c, shared[i, i] - solved[:, :, 1] @ c
+    own = rng.gamma(DOF / 2.0, 2.0 / DOF, (n, 1))
+    sd = np.sqrt(variance + scale2[i] / own[:, 0])
+    law = norm(mean, sd)
+    return float(np.log(share @ law.pdf(residual[i]))), float(share @ law.cdf(residual[i]))
+
+
+@pytest.mark.parametrize("noise", ["iid", "correlated"])
+def test_student_noise_of_the_others_and_of_the_reading(noise: str, green: pb.Parameters) -> None:
+    """Against drawn weights: an outlier neither sways its neighbours nor is beyond belief."""
+    config = pb.RunConfig(noise=noise, tails="student-t", student_dof=DOF, u_brdf_cal=0.05)
+    posterior = build_posterior(outlying(green), config)
+    names = posterior.parameter_names
+    x = np.array([{"tau": 0.03, "ell_deg": 20.0, "u_dhr": 5e-4}.get(n, 0.02) for n in names])
+    x[:4] = green.as_array()
+    draws = np.tile(x, (200, 1))
+    draws[:, 3] *= 1.0 + 1e-9 * np.random.default_rng(1).standard_normal(200)
+    found = leave_each_out(posterior, draws, seed=1).pointwise
+    residual, covariance = dense_brdf(posterior, x)
+    scale2 = np.full(residual.size, 0.02**2)
+    shared = covariance - np.diag(scale2)
+    rng = np.random.default_rng(2)
+    for i in (1, 2, 3, 8, 14, 15):
+        scan = slice(9, 18) if i >= 9 else slice(0, 9)
+        density, below = student_given_others(
+            residual[scan], shared[scan, scan], scale2[scan], i - scan.start, rng
+        )
+        assert found.elpd[i] == pytest.approx(density, abs=0.2 if i in (2, 14) else 0.07)
+        assert found.pit[i] == pytest.approx(below, abs=0.02)
+
+
+def test_places_of_student_noise_are_uniform_in_its_own_law_only(green: pb.Parameters) -> None:
+    """Four degrees of freedom; the normal law of the same scale calls it wrong."""
+    m = simulate_measurement(
+        green, seed=4, theta_i_deg=(20.0, 60.0), theta_r_deg=np.linspace(-80.0, 80.0, 161),
+        dhr_theta_i_deg=(), relative_noise=1e-9,
+    )  # fmt: skip
+    noise = 0.02 * np.random.default_rng(5).standard_t(4.0, len(m.brdf))
+    m = replace(m, brdf=replace(m.brdf, value=m.brdf.value * np.exp(noise)))
+    spread = {}
+    for tails in ("normal", "student-t"):
+        posterior = build_posterior(m, pb.RunConfig(noise="iid", tails=tails, u_brdf_cal=0.02))
+        draws = np.tile(np.append(green.as_array(), [0.02, 0.02]), (200, 1))
+        draws[:, 3] *= 1.0 + 1e-9 * np.random.default_rng(1).standard_normal(200)
+        found = leave_each_out(posterior, draws, seed=1)
+        spread[tails] = found.pointwise.z[: len(m.brdf)].std()
+        if tails == "student-t":
+            assert min(scan.p_value for scan in found.scans) > 0.01 / len(m.scans)
+    assert abs(spread["student-t"] - 1.0) < 4.0 / np.sqrt(2 * len(m.brdf))
+    assert spread["normal"] > 1.2  # the variance of the law is twice its scale squared
