@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +22,58 @@ def make() -> ModuleType:
     sys.modules[spec.name] = module  # its dataclasses look for it there
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="module")
+def committed() -> dict[str, Any]:
+    return json.loads((FOLDER / "samplers.json").read_text(encoding="utf-8"))
+
+
+def test_every_sampler_has_a_row_on_every_posterior(
+    make: ModuleType, committed: dict[str, Any]
+) -> None:
+    wanted = [make.OURS, make.OURS_DRAFT, *make.RIVAL_MOVES, "dynesty", "nautilus"]
+    assert set(committed["posteriors"]) == set(make.POSTERIORS)
+    for found in committed["posteriors"].values():
+        assert [row["sampler"] for row in found["rows"]] == wanted
+        for row in found["rows"]:
+            assert row["ess_per_second"] == pytest.approx(row["ess"] / row["seconds"])
+            per_1000 = 1e3 * row["ess"] / row["evaluations"]
+            assert row["ess_per_1000_evaluations"] == pytest.approx(per_1000, rel=1e-3)
+            assert min(row["error_mean"], row["error_sd"]) >= 0.0
+
+
+def test_ours_gives_more_effective_draws_a_second_than_the_stretch_move(
+    make: ModuleType, committed: dict[str, Any]
+) -> None:
+    for found in committed["posteriors"].values():
+        assert make.gain(found["rows"]) > 1.0
+
+
+def test_ours_is_right_and_not_only_fast(make: ModuleType, committed: dict[str, Any]) -> None:
+    """Of nine parameters the worst of two runs: four errors of either side."""
+    for found in committed["posteriors"].values():
+        row = next(r for r in found["rows"] if r["sampler"] == make.OURS)
+        error = np.hypot(row["ess"] ** -0.5, found["reference"]["ess"] ** -0.5)
+        assert row["error_mean"] < 4.0 * error
+
+
+def test_the_goals_are_stated_for_both_likelihoods(
+    make: ModuleType, committed: dict[str, Any]
+) -> None:
+    assert {g["noise"] for g in committed["goals"]} == set(make.GOALS)
+    for g in committed["goals"]:
+        assert g["goal_seconds"] == make.GOALS[g["noise"]]
+        assert g["converged"]
+        assert g["ess"] >= 2000.0
+        assert g["rhat"] < 1.01
+
+
+def test_the_page_is_that_of_the_numbers(make: ModuleType, committed: dict[str, Any]) -> None:
+    page = (FOLDER / "index.html").read_text(encoding="utf-8")
+    assert page == make.page(committed)
+    assert page.count("<tr>") >= 7 * 2 + 2
+    assert 'src="http' not in page
 
 
 def test_kish_counts_equal_weights_fully(make: ModuleType) -> None:

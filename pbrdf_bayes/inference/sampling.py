@@ -296,6 +296,7 @@ def _run_ensembles(
     def moves() -> Moves:
         return choose_moves(state.mixture, state.quick)[0]
 
+    draws = None
     while state.n_passed < 2 and state.n_checked < config.max_steps:
         round_steps = max(_FEWEST_STEPS, state.n_checked // _GROWTH)
         end = min(state.n_checked + round_steps, config.max_steps)
@@ -307,7 +308,8 @@ def _run_ensembles(
         if progress is not None:
             progress(_progress(draws, config, state.seconds))
     checkpoint.keep(state, True)
-    return _thin(_summarise(posterior, state), converged=state.n_passed >= 2)
+    draws = draws or _summarise(posterior, state)
+    return _thin(draws, converged=state.n_passed >= 2)
 
 
 def start_walkers(posterior: Posterior, mixture: Mixture, n_walkers: int, seed: int) -> Array:

@@ -427,7 +427,7 @@ def bars(rows: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
 def significant(value: float, digits: int = 3) -> str:
     """So many significant digits, thousands set apart by a thin space."""
     rounded = float(f"{value:.{digits}g}")
-    if abs(rounded) >= 10 ** (digits - 1):
+    if abs(rounded) >= min(10 ** (digits - 1), 1000):
         return f"{rounded:,.0f}".replace(",", "\N{THIN SPACE}")
     return f"{rounded:.{digits}g}"
 
