@@ -25,6 +25,7 @@ from pbrdf_bayes.inference.choose_effects import (
     choose_effects,
     time_likelihood,
 )
+from pbrdf_bayes.inference.common_misfit import compare_misfits
 from pbrdf_bayes.inference.diagnostics import assess_identifiability, run_diagnostics
 from pbrdf_bayes.inference.discrepancy_size import measure_discrepancy
 from pbrdf_bayes.inference.ensembles import Checkpoint
@@ -164,6 +165,7 @@ def _fit_posterior(
         identifiability = assess_identifiability(posterior, draws.flat, tempered, share)
         discrepancy = measure_discrepancy(posterior, draws.flat, seed=seed)
         sensitivity = measure_sensitivity(posterior, draws)
+        common = compare_misfits(posterior, optima.best.x, seed=seed)
     with clock.stage("predict"):
         rng = np.random.default_rng([seed, 6])
         picked = draws.flat[rng.choice(len(draws.flat), _N_BAND_DRAWS)]
@@ -191,7 +193,7 @@ def _fit_posterior(
         white_noise_dex=noise, identifiability=identifiability,
         covered=covered, holdout=holdout, discrepancy=discrepancy,
         leave_one_out=leave_one_out, sensitivity=sensitivity, holdouts=holdouts,
-        applicability=applicability,
+        applicability=applicability, common=common,
     )  # fmt: skip
     stages = Stages(
         posterior=posterior, seed=seed, checks=checks, optima=optima, draws=draws,

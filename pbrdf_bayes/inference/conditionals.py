@@ -16,8 +16,8 @@ What the other readings say of gain and discrepancy is taken with their w_j at
     w_j = (nu + 1) / (nu + E[noise_j^2] / v_j),
 
 the fixed point of the variational law that has w and the rest independent (Tipping and Lawrence
-2005, doi:10.1016/j.neucom.2005.02.016); the noise of reading i itself stays Student's. Log densities are right to some hundredths, beside
-readings that are twenty scales off to 0.15.
+2005, doi:10.1016/j.neucom.2005.02.016); the noise of reading i itself stays Student's. Log
+densities are right to some hundredths, those of readings twenty scales off to 0.15.
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@ from scipy.stats import binom
 
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.inference.applicability import Applicability, applicability_diagnostic
+from pbrdf_bayes.inference.common_misfit import CommonMisfit, judge_common
 from pbrdf_bayes.inference.discrepancy_size import DiscrepancySize
 from pbrdf_bayes.inference.holdout import Holdout
 from pbrdf_bayes.inference.leave_one_out import LeaveOneOut
@@ -126,6 +127,7 @@ def run_diagnostics(
     sensitivity: PriorSensitivity | None = None,
     holdouts: tuple[Holdout, ...] = (),
     applicability: Applicability | None = None,
+    common: CommonMisfit | None = None,
 ) -> tuple[Diagnostic, ...]:
     """All verdicts on a run, in the order of the report; no record, no verdict."""
     checks = [
@@ -144,6 +146,8 @@ def run_diagnostics(
         checks.insert(0, _correlation(residuals, identifiability.share))
     if np.isfinite(best_rms_dex):
         checks.insert(0, _misfit(best_rms_dex, white_noise_dex))
+    if common is not None:
+        checks.append(judge_common(common))
     if applicability is not None:
         checks.append(applicability_diagnostic(applicability, best_rms_dex))
     if covered[1]:

@@ -6,6 +6,7 @@ Angles where it is wanted join the rows as readings that are missing.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -68,6 +69,13 @@ def smooth_discrepancy(
     >>> mean.round(6).tolist(), sd.round(6).tolist()
     ([0.05, 0.0], [0.035355, 0.05])
     """
+    return smoother(data, process, theta_r_deg=theta_r_deg, group=group)(data.residual)
+
+
+def smoother(
+    data: Scanned, process: Process, *, theta_r_deg: ArrayLike, group: ArrayLike
+) -> Callable[[Array], tuple[Array, Array]]:
+    """`smooth_discrepancy` of the same rows for many residuals, as a function of them."""
     angle = np.asarray(theta_r_deg, dtype=np.float64)
     number = np.asarray(group, dtype=np.int64)
     n, wanted = data.residual.size, angle.size
@@ -82,11 +90,16 @@ def smooth_discrepancy(
     )
     work = workspace(groups, True)
     set_variances(groups, work, np.concatenate([data.variance, np.full(wanted, MISSING)]))
-    out = np.empty((4, n + wanted))
-    residual = np.concatenate([data.residual, np.zeros(wanted)])
     base = np.zeros(groups.size.size)
-    group_gradient(groups, work, residual, base, process.u_cal**2, process.tau, process.ell, out)
-    return out[2, n:], np.sqrt(np.maximum(out[3, n:], 0.0))
+
+    def smooth(residual: Array) -> tuple[Array, Array]:
+        out = np.empty((4, n + wanted))
+        padded = np.concatenate([residual, np.zeros(wanted)])
+        u_cal2, tau, ell = process.u_cal**2, process.tau, process.ell
+        group_gradient(groups, work, padded, base, u_cal2, tau, ell, out)
+        return out[2, n:], np.sqrt(np.maximum(out[3, n:], 0.0))
+
+    return smooth
 
 
 def draw_prior_discrepancy(

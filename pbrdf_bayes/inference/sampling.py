@@ -308,8 +308,7 @@ def _run_ensembles(
         if progress is not None:
             progress(_progress(draws, config, state.seconds))
     checkpoint.keep(state, True)
-    draws = draws or _summarise(posterior, state)
-    return _thin(draws, converged=state.n_passed >= 2)
+    return _thin(draws or _summarise(posterior, state), converged=state.n_passed >= 2)
 
 
 def start_walkers(posterior: Posterior, mixture: Mixture, n_walkers: int, seed: int) -> Array:

@@ -18,6 +18,10 @@ LAG1_WARN = 0.2
 LAG1_FAIL = 0.5
 DISCREPANCY_WARN = 0.08
 DISCREPANCY_FAIL = 0.15
+COMMON_WARN = 0.3
+"""Mean correlation of the misfits of scans that are taken as independent."""
+COMMON_SIZE = 0.5
+"""Amplitude of a misfit over the white noise from which it matters whether scans share it."""
 CONTRACTION_WARN = 0.5
 BOUND_SHARE_WARN = 0.2
 BOUND_QUANTILE = 0.01
