@@ -300,7 +300,7 @@ def _fit(options: argparse.Namespace) -> int:
     if run.status != "done":
         error = ConvergenceError(
             f"{run.folder}: not converged within max_steps; results are kept and marked. "
-            "Raise max_steps in the configuration"
+            "Raise max_steps in the configuration, and go on with --resume"
         )
         print(f"pbrdf-bayes fit: {error}", file=sys.stderr)
         return NOT_CONVERGED

@@ -24,6 +24,8 @@ from pbrdf_bayes.summary import versions
 
 _DECISIVE = ("pbrdf-bayes", "numpy", "scipy", "numba", "emcee", "nlopt", "arviz-stats")
 """Packages another version of which may draw something else."""
+_NOT_DECISIVE = ("threads", "max_steps")
+"""Choices that the steps of a walk do not depend on, but for how many there are."""
 
 
 def run_identity(posterior: Posterior, seed: int) -> dict[str, Any]:
@@ -34,11 +36,11 @@ def run_identity(posterior: Posterior, seed: int) -> dict[str, Any]:
     posterior : Posterior
     seed : int
     """
-    m = posterior.measurement
+    m, config = posterior.measurement, finite_only(config_table(posterior.config))
     return {
         "data": m.sha256, "sample": m.sample, "wavelength_um": m.wavelength_um, "seed": seed,
         "parameters": list(posterior.parameter_names),
-        **finite_only(config_table(posterior.config)), **_versions(versions()),
+        **_decisive(config), **_versions(versions()),
     }  # fmt: skip
 
 
@@ -56,17 +58,23 @@ def finished_summary(folder: Path, posterior: Posterior, seed: int) -> dict[str,
     found = {
         "data": summary["input"]["sha256"], "sample": summary["sample"],
         "wavelength_um": summary["wavelength_um"], "seed": summary["seed"],
-        "parameters": list(summary["parameters"]), **summary["config"],
+        "parameters": list(summary["parameters"]), **_decisive(summary["config"]),
     }  # fmt: skip
     wanted = {key: value for key, value in run_identity(posterior, seed).items() if key in found}
     refuse_difference(
         found, wanted, what=f"{folder}: holds the run",
         remedy="Give another --out",
     )  # fmt: skip
-    if has_checkpoints(folder):  # ended after the last file, before this
+    if summary["status"] == "done" and has_checkpoints(folder):  # ended before this
         with locked(folder):
             remove_checkpoints(folder)
     return summary
+
+
+def can_walk_on(folder: Path, summary: Mapping[str, Any], config: RunConfig) -> bool:
+    """A run that ended for want of steps, and has more of them now."""
+    ended = summary["status"] != "done" and config.max_steps > summary["config"]["max_steps"]
+    return bool(ended and has_checkpoints(folder))
 
 
 def as_finished(posterior: Posterior, config: RunConfig, folder: Path) -> Posterior:
@@ -81,6 +89,10 @@ def as_finished(posterior: Posterior, config: RunConfig, folder: Path) -> Poster
         effects=tuple(found["effects"]), line_shape=found["line_shape"],
     )  # fmt: skip
     return build_posterior(posterior.measurement, chosen)
+
+
+def _decisive(config: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in config.items() if key not in _NOT_DECISIVE}
 
 
 def _versions(table: Mapping[str, str]) -> dict[str, str | None]:

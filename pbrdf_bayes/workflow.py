@@ -26,6 +26,7 @@ from pbrdf_bayes.inference.choose_effects import (
     time_likelihood,
 )
 from pbrdf_bayes.inference.common_misfit import compare_misfits
+from pbrdf_bayes.inference.dhr_misfit import measure_dhr_misfit
 from pbrdf_bayes.inference.diagnostics import assess_identifiability, run_diagnostics
 from pbrdf_bayes.inference.discrepancy_size import measure_discrepancy
 from pbrdf_bayes.inference.ensembles import Checkpoint
@@ -54,6 +55,7 @@ from pbrdf_bayes.report.page import render_report
 from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.resume import (
     as_finished,
+    can_walk_on,
     finished_summary,
     going_on,
     history,
@@ -194,6 +196,7 @@ def _fit_posterior(
         covered=covered, holdout=holdout, discrepancy=discrepancy,
         leave_one_out=leave_one_out, sensitivity=sensitivity, holdouts=holdouts,
         applicability=applicability, common=common,
+        dhr_misfit=measure_dhr_misfit(posterior, optima.best.x),
     )  # fmt: skip
     stages = Stages(
         posterior=posterior, seed=seed, checks=checks, optima=optima, draws=draws,
@@ -283,7 +286,8 @@ def fit_file(
     seed : int
     resume : bool
         A finished run in ``out`` is returned as it is; an unfinished one goes on from its
-        checkpoint, to the draws that it would have had without the interruption.
+        checkpoint, to the draws that it would have had without the interruption. One that did not
+        converge goes on where ``max_steps`` is larger now.
     observer : Observer, optional
 
     Returns
@@ -310,7 +314,8 @@ def fit_file(
     _refuse_other_content(folder, resume=resume)
     if resume and run_folder.is_finished(folder):
         summary = finished_summary(folder, as_finished(posterior, config, folder), seed)
-        return FitRun(folder, summary["status"], summary["verdict"])
+        if not can_walk_on(folder, summary, config):
+            return FitRun(folder, summary["status"], summary["verdict"])
     config, choice = _chosen_effects(measurement, config, seed, clock)
     posterior = build_posterior(measurement, config)
     missing = likelihood_to_compile(posterior)
@@ -325,7 +330,8 @@ def fit_file(
         told = [f"sample {measurement.sample!r}, seed {seed}", *clock.log]
         log = "\n".join([*told, *history(checkpoints, analysis.summary), ""])
         run_folder.save_analysis(analysis, folder, report=report, log=log)
-        remove_checkpoints(folder)
+        if analysis.summary["status"] == "done":
+            remove_checkpoints(folder)
     return FitRun(folder, analysis.summary["status"], analysis.summary["verdict"])
 
 

@@ -34,6 +34,8 @@ from pbrdf_bayes.workflow import fit_file
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="POSIX signals and limits")
 
 RESULTS = {"summary.json", "posterior.nc", "config.toml", "report.html", "log.txt"}
+UNFINISHED = RESULTS | {"checkpoint_sample.npz"}
+"""Of a run that ended at max_steps: it can be gone on with."""
 CHECKPOINT = "checkpoint_sample.npz"
 EXPLORED, KEPT = 150, 100
 CONFIG = f"holdout = false\nn_walkers = 16\nmax_steps = {KEPT}\nthreads = {{}}\n"
@@ -98,7 +100,7 @@ def whole(inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The run that nothing disturbed, with one thread; it ends at max_steps."""
     folder = tmp_path_factory.mktemp("whole") / "run"
     assert main(fit_arguments(inputs, folder, threads=1)) == 3
-    assert {p.name for p in folder.iterdir()} == RESULTS | {".lock"}
+    assert {p.name for p in folder.iterdir()} == UNFINISHED | {".lock"}
     return folder
 
 
@@ -179,7 +181,7 @@ def test_a_killed_fit_goes_on_to_the_same_draws(
     assert not RESULTS & set(contents(folder))
     (folder / ".posterior.nc.abc.part").write_bytes(b"what a killed process was writing")
     assert resumed(inputs, folder) == 3
-    assert set(contents(folder)) == RESULTS
+    assert set(contents(folder)) == UNFINISHED
     assert_same_run(folder, whole)
     step = n_steps - EXPLORED * (n_steps > EXPLORED)
     log = (folder / "log.txt").read_text(encoding="utf-8")
@@ -214,7 +216,7 @@ def test_an_unfinished_run_is_not_begun_again_without_resume(
 
 DIFFERENCES = [
     ("seed", "  seed: 1 there, 2 now"),
-    ("config", f"  max_steps: {KEPT} there, 300 now"),
+    ("config", "  n_walkers: 16 there, 18 now"),
     ("data", "  data: '"),
     ("package", "  version of pbrdf-bayes: '{}' there, '99.0' now"),
     ("numpy", "  version of numpy: '{}' there, '99.0' now"),
@@ -248,7 +250,7 @@ def test_another_run_is_refused_with_a_diff(
     elif change == "config":
         text = (here / "2.toml").read_text(encoding="utf-8")
         (here / "2.toml").write_text(
-            text.replace(f"max_steps = {KEPT}", "max_steps = 300"), encoding="utf-8"
+            text.replace("n_walkers = 16", "n_walkers = 18"), encoding="utf-8"
         )
     elif change == "data":
         csv = here / "tiny_simulated.csv"
@@ -334,10 +336,35 @@ def test_a_checkpoint_left_beside_a_finished_run_goes(
     """Killed between the last file of the run and the removal of the checkpoint."""
     folder = Path(shutil.copytree(whole, tmp_path / "run"))
     shutil.copy(killed[80] / CHECKPOINT, folder)
+    summary = folder / "summary.json"
+    told = summary.read_text(encoding="utf-8").replace('"not_converged"', '"done"')
+    summary.write_text(told, encoding="utf-8")
     before = (folder / "posterior.nc").read_bytes()
-    assert main(fit_arguments(inputs, folder, "--resume", threads=1)) == 3
+    assert main(fit_arguments(inputs, folder, "--resume", threads=1)) == 0
     assert set(contents(folder)) == RESULTS
     assert (folder / "posterior.nc").read_bytes() == before
+
+
+def test_a_run_out_of_steps_goes_on_with_more_of_them(
+    whole: Path, inputs: Path, tmp_path: Path, capsys: Any
+) -> None:
+    """The steps that are there stay; the same budget gives the same run, without a step more."""
+    folder = Path(shutil.copytree(whole, tmp_path / "run"))
+    before = contents(folder)
+    assert main(fit_arguments(inputs, folder, "--resume", threads=1)) == 3
+    assert (
+        "Raise max_steps in the configuration, and go on with --resume" in capsys.readouterr().err
+    )
+    assert contents(folder) == before
+    text = CONFIG.format(2).replace(f"max_steps = {KEPT}", "max_steps = 20000")
+    (tmp_path / "more.toml").write_text(text, encoding="utf-8")
+    more = ["--config", str(tmp_path / "more.toml"), "--resume"]
+    assert main([*fit_arguments(inputs, folder, threads=1), *more]) == 0
+    assert set(contents(folder)) == RESULTS
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    assert summary["status"] == "done"
+    assert summary["sampling"]["n_steps"] > KEPT
+    assert f"gone on from step {KEPT}" in (folder / "log.txt").read_text(encoding="utf-8")
 
 
 def test_the_summary_counts_no_rejected_points_where_there_are_none(whole: Path) -> None:

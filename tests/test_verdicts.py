@@ -41,6 +41,7 @@ CASES: dict[str, tuple[Measurement, dict[str, Any]]] = {
         {"brdf_floor": FLOOR, "noise": "iid"},
     ),
     "8 % noise": (simulated(relative_noise=0.08, dhr_noise=0.002), {}),
+    "60 % noise": (simulated(relative_noise=0.6), {}),
     "unpolarised": (simulated(polarizations=["u"]), {}),
 }
 
@@ -89,3 +90,30 @@ def test_the_factor_of_each_scan_is_told() -> None:
         assert abs(scan["scale"] - factor) < 4.0 * scan["u_scale"]
     exact = pb.RunConfig(accuracy="draft", threads=1, holdout=False)
     assert all(s["u_scale"] == 0.0 for s in pb.fit(m, exact, seed=1).summary["input"]["scans"])
+
+
+def bent(theta_r_offset_deg: float) -> Measurement:
+    """Readings of a goniometer whose zero of theta_r is off."""
+    m = simulated()
+    return replace(m, brdf=replace(m.brdf, theta_r_deg=m.brdf.theta_r_deg + theta_r_offset_deg))
+
+
+def brighter_dhr(factor: float) -> Measurement:
+    m = simulated()
+    return replace(m, dhr=replace(m.dhr, value=m.dhr.value * factor))
+
+
+BAD: dict[str, tuple[Measurement, str, str]] = {
+    "zero of theta_r off by 0.5 deg": (bent(0.5), "common_misfit", "scans share"),
+    "DHR 30 % too large": (brighter_dhr(1.3), "dhr_misfit", "contradict"),
+}
+
+
+@pytest.mark.parametrize("name", list(BAD))
+def test_what_all_scans_or_all_dhr_readings_share_is_told(name: str) -> None:
+    measurement, diagnostic, advice = BAD[name]
+    config = pb.RunConfig(accuracy="draft", threads=1, holdout=False)
+    summary = pb.fit(measurement, config, seed=1).summary
+    assert summary["verdict"] != "PASS"
+    assert summary["diagnostics"][diagnostic]["verdict"] != "PASS"
+    assert advice in summary["diagnostics"][diagnostic]["advice"]

@@ -16,6 +16,7 @@ from pbrdf_bayes.inference.verdicts import (
     PASS,
     WARN,
     Diagnostic,
+    beside_noise,
     misfit_limit_dex,
 )
 from pbrdf_bayes.measurement import Measurement
@@ -92,9 +93,9 @@ def judge_applicability(
     Returns
     -------
     Applicability
-        Readings left out predicted worse than 0.10 dex, or one of the four parameters on its
-        bound: the model does not apply. An rms of more than three times the repeatability: it is
-        descriptive only.
+        Readings left out predicted worse than 0.10 dex beside their noise, or one of the four
+        parameters on its bound: the model does not apply. An rms of more than three times the
+        repeatability: it is descriptive only.
     """
     wrong = [
         f"{name} is at the bound of its prior"
@@ -104,7 +105,7 @@ def judge_applicability(
     for kind, words in (("angle", "angles"), ("polarization", "the other polarisation")):
         squares = [h.rms_dex**2 for h in holdouts if h.kind == kind and np.isfinite(h.rms_dex)]
         rms = float(np.sqrt(np.mean(squares))) if squares else 0.0
-        if rms > HELD_OUT_FAIL_DEX:
+        if rms > beside_noise(HELD_OUT_FAIL_DEX, repeatability):
             wrong.append(f"{words} left out are predicted to {rms:.2f} dex only")
     limit = misfit_limit_dex(repeatability)
     loose = []

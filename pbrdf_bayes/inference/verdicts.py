@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf, isnan
+from math import hypot, inf, isnan
 
 from pbrdf_bayes.inference.importance import K_HAT_LIMIT
 
@@ -14,6 +14,10 @@ NOISE_RATIO_WARN = 3.0
 SMALLEST_MISFIT_DEX = 0.005
 """However well readings repeat, less than this is no misfit."""
 HELD_OUT_FAIL_DEX = 0.10
+DHR_WARN, DHR_FAIL = 0.10, 0.30
+"""Rms of DHR readings about the model beyond their stated noise, over the rms of the readings."""
+_NOISE_MARGIN = 1.1
+"""For the noise is itself an estimate."""
 LAG1_WARN = 0.2
 LAG1_FAIL = 0.5
 DISCREPANCY_WARN = 0.08
@@ -81,6 +85,17 @@ def misfit_limit_dex(repeatability_dex: float) -> float:
     if isnan(repeatability_dex):
         return inf
     return max(NOISE_RATIO_WARN * repeatability_dex, SMALLEST_MISFIT_DEX)
+
+
+def beside_noise(limit_dex: float, noise_dex: float) -> float:
+    """Rms that readings of such noise have about a curve that is off by a limit [dex].
+
+    Examples
+    --------
+    >>> round(beside_noise(0.10, 0.003), 3), round(beside_noise(0.10, 0.25), 3)
+    (0.1, 0.293)
+    """
+    return limit_dex if isnan(noise_dex) else hypot(limit_dex, _NOISE_MARGIN * noise_dex)
 
 
 def grade(value: float, warn: float, fail: float) -> str:

@@ -11,11 +11,13 @@ import pytest
 from numpy.typing import NDArray
 
 import pbrdf_bayes as pb
+from pbrdf_bayes.inference.common_misfit import CommonMisfit
 from pbrdf_bayes.inference.diagnostics import (
     Identifiability,
     assess_identifiability,
     run_diagnostics,
 )
+from pbrdf_bayes.inference.discrepancy_size import DiscrepancySize
 from pbrdf_bayes.inference.holdout import Holdout
 from pbrdf_bayes.inference.map_fit import MapResult, Optimum
 from pbrdf_bayes.inference.posterior import Posterior
@@ -73,6 +75,18 @@ def verdicts(**changes: Any) -> dict[str, Diagnostic]:
     return {d.name: d for d in run_diagnostics(**(GOOD | changes))}
 
 
+def test_noise_is_no_misfit() -> None:
+    """Readings of 60 % noise about the right curve, and of 6 %."""
+    assert verdicts(best_rms_dex=0.275, white_noise_dex=0.269)["misfit"].verdict == "PASS"
+    assert verdicts(best_rms_dex=0.027, white_noise_dex=0.026)["misfit"].verdict == "PASS"
+
+
+def test_bands_with_a_discrepancy_of_new_scans_may_hold_all_fitted_readings() -> None:
+    size = DiscrepancySize(0.01, 20.0, 160.0, 0.01, 0.004, 1.0, {"n": 0.1}, {"n": 0.05})
+    assert verdicts(covered=(990, 1000), discrepancy=size)["coverage"].verdict == "PASS"
+    assert verdicts(covered=(750, 1000), discrepancy=size)["coverage"].verdict == "WARN"
+
+
 def test_a_good_run_passes_everything_without_advice() -> None:
     found = verdicts()
     assert list(found) == [
@@ -88,7 +102,11 @@ def test_a_good_run_passes_everything_without_advice() -> None:
 
 FIRING: list[tuple[str, dict[str, Any], str, str]] = [
     ("misfit", {"best_rms_dex": 0.03}, "WARN", "larger than the noise"),
-    ("misfit", {"best_rms_dex": 0.06, "white_noise_dex": 0.06}, "WARN", "narrow"),
+    ("misfit", {"best_rms_dex": 0.06, "white_noise_dex": 0.02}, "WARN", "narrow"),
+    ("misfit", {"best_rms_dex": 0.275, "white_noise_dex": 0.2}, "FAIL", "does not describe"),
+    ("dhr_misfit", {"dhr_misfit": 0.12}, "WARN", "contradict"),
+    ("dhr_misfit", {"dhr_misfit": 0.4}, "FAIL", "contradict"),
+    ("common_misfit", {"common": CommonMisfit(0.9, 0.003, 4, 2.0)}, "WARN", "too narrow"),
     ("misfit", {"best_rms_dex": 0.114, "white_noise_dex": 0.01}, "FAIL", "does not describe"),
     ("residual_correlation", {"residuals": residuals(0.3)}, "WARN", "not independent"),
     ("residual_correlation", {"residuals": residuals(0.97)}, "FAIL", "narrow"),
@@ -144,7 +162,8 @@ def test_each_verdict_fires_with_advice(
 
 
 def test_every_diagnostic_is_seen_to_fire() -> None:
-    assert {name for name, *_ in FIRING} == set(verdicts())
+    everything = verdicts(dhr_misfit=0.01, common=CommonMisfit(0.0, 0.5, 4, 2.0))
+    assert {name for name, *_ in FIRING} == set(everything)
 
 
 def test_values_and_thresholds_are_reported() -> None:
