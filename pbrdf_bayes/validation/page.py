@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from typing import Any
 
@@ -14,6 +15,7 @@ from pbrdf_bayes.report.svg import figure_style, inline_svg
 from pbrdf_bayes.validation.sbc import envelope
 
 _INK, _CONTROL, _BAND = "#1f4e79", "#c24d00", "#e3e9ef"
+LEAST_COVERED, WIDEST = 0.85, 1.5
 _NAMES = {
     "sigma_n0": "σ_N0", "rho0": "ρ_0", "s_rel_s": "s_s", "s_rel_p": "s_p", "tau": "τ",
     "ell_deg": "ℓ", "u_dhr": "u_DHR", "log_likelihood": "ln likelihood",
@@ -43,8 +45,33 @@ def render_page(result: dict[str, Any]) -> str:
     environment.filters["symbol"] = symbol
     css = files("pbrdf_bayes.report").joinpath("report.css").read_text(encoding="utf-8")
     return environment.get_template("page.html.j2").render(
-        **result, css=Markup(css), figures=_rank_figures(result)
+        **result, css=Markup(css), figures=_rank_figures(result),
+        verdict_on_coverage=coverage_in_words(result["coverage"]),
+    )  # fmt: skip
+
+
+def coverage_in_words(table: Sequence[Mapping[str, Any]]) -> str:
+    """Which misfits the correlated likelihood covers as it should, and which it does not.
+
+    Parameters
+    ----------
+    table : sequence of mapping
+        Of `pbrdf_bayes.validation.coverage.tabulate`.
+    """
+    rows = [r for r in table if r["noise"] == "correlated" and r["width_ratio"]]
+    short = [
+        f"{r['shape']} (mean {100 * r['covered_mean']:.0f} %, worst "
+        f"{100 * min(r['covered'].values()):.0f} %, width up to "
+        f"{max(r['width_ratio'].values()):.1f} times)"
+        for r in rows
+        if r["covered_mean"] < LEAST_COVERED or max(r["width_ratio"].values()) > WIDEST
+    ]
+    goal = (
+        f"the goal of {100 * LEAST_COVERED:.0f} % coverage of 90 % intervals, at most {WIDEST} times "
+        "as wide as with the error's covariance known"
     )
+    kept = f"{len(rows) - len(short)} of {len(rows)} shapes of misfit keep {goal}"
+    return f"{kept}. Not kept: {'; '.join(short)}." if short else f"{kept}."
 
 
 def symbol(name: str) -> str:
