@@ -32,6 +32,15 @@ the CSV: UTF-8 with a header; columns sample, wavelength_um, quantity (brdf or d
 polarization (s, p or u), theta_i_deg, theta_r_deg (brdf only; signed, + = forward), value;
 optional sigma, n_repeats, phi_r_deg, scan, flag
 """
+_SCENE_EPILOG = """\
+a scene file (all keys but angles are optional; angles: a list, or "LO:HI:STEP"):
+  theta_i_deg = [20, 60]            theta_r_deg = "0:85:2.5"    phi_r_deg = "0:180:5"
+  polarizations = ["s", "p", "u"]   dhr_theta_i_deg = "0:85:5"  n_draws = 400
+  stokes_incident = "u"             depolarisation = 0.1        instrument = false
+  [effects]                         # with --params: line_shape, lambert, volume, ...
+without phi_r_deg it is a scan in the plane of incidence, theta_r_deg with sign. Written to --out:
+scene.csv, scene.nc, scene.html and SVG pictures
+"""
 
 
 def run_program() -> NoReturn:
@@ -141,9 +150,12 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def _verb(
-    verbs: Any, name: str, run: Callable[[argparse.Namespace], int], text: str
+    verbs: Any, name: str, run: Callable[[argparse.Namespace], int], text: str, epilog: str = ""
 ) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = verbs.add_parser(name, help=text, description=text)
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name, help=text, description=text, epilog=epilog,
+        formatter_class=argparse.RawDescriptionHelpFormatter if epilog else argparse.HelpFormatter,
+    )  # fmt: skip
     parser.set_defaults(run=run)
     return parser
 
@@ -182,7 +194,8 @@ def _add_report(verbs: Any) -> None:
 
 def _add_predict(verbs: Any) -> None:
     parser = _verb(verbs, "predict", _predict,
-                   "Predicted curves, with bands where a run folder is given.")  # fmt: skip
+                   "Predicted curves, with bands where a run folder is given.",
+                   epilog=_SCENE_EPILOG)  # fmt: skip
     parser.add_argument("folder", type=Path, metavar="DIR", nargs="?", help="a finished run")
     _add_parameters(parser, required=False)
     _add_angles(parser, theta_r="-85:85:1")
@@ -192,7 +205,10 @@ def _add_predict(verbs: Any) -> None:
         "--phi-r", type=float, default=0.0, metavar="DEG", help="azimuth (default 0)"
     )
     parser.add_argument("--rtol", type=float, default=1e-8, help="tolerance with --params (1e-8)")
-    parser.add_argument("--out", type=Path, metavar="CSV", help="default: standard output")
+    parser.add_argument("--scene", type=Path, metavar="TOML",
+                        help="what is wanted, instead of the angles above")  # fmt: skip
+    parser.add_argument("--out", type=Path, metavar="CSV",
+                        help="default: standard output; with --scene a folder")  # fmt: skip
 
 
 def _add_simulate(verbs: Any) -> None:
@@ -330,6 +346,8 @@ def _predict(options: argparse.Namespace) -> int:
         msg = "give either a run folder or --params, not both and not neither"
         raise ConfigError(msg)
     given = (None, None) if options.params is None else read_parameters(options.params)
+    if options.scene is not None:
+        return _predict_scene(options, *given)
     text = predict_table(
         folder=options.folder, parameters=given[0], effects=given[1],
         theta_i_deg=options.theta_i, theta_r_deg=options.theta_r, phi_r_deg=options.phi_r,
@@ -337,6 +355,21 @@ def _predict(options: argparse.Namespace) -> int:
         rtol=options.rtol,
     )  # fmt: skip
     _write_out(text, options.out)
+    return DONE
+
+
+def _predict_scene(options: argparse.Namespace, parameters: Any, effects: Any) -> int:
+    from pbrdf_bayes.scene_files import write_scene
+
+    others = build_parser().parse_args(["predict"])
+    for name in ("theta_i", "theta_r", "polarization", "dhr_theta_i", "phi_r"):
+        if getattr(options, name) != getattr(others, name):
+            msg = f"--{name.replace('_', '-')} with --scene: the scene file says what is wanted"
+            raise ConfigError(msg)
+    print(write_scene(
+        options.scene, options.out, folder=options.folder, parameters=parameters, effects=effects,
+        rtol=options.rtol,
+    ))  # fmt: skip
     return DONE
 
 

@@ -180,7 +180,9 @@ def _of_parameters(
     text = {name: f"{getattr(parameters, name):.10g}" for name in DOMAIN}
     shape = {"line_shape": effects.line_shape, "fresnel_at": effects.fresnel_at}
     x = np.concatenate([parameters.as_array(), [float(v) for v in added.values()]])[None, :]
-    found = _Model(x, (*DOMAIN, *added), *shape.values(), digits_of(rtol), source={})
+    found = _Model(
+        x, (*DOMAIN, *added), effects.line_shape, effects.fresnel_at, digits_of(rtol), source={}
+    )
     found = found if scene.instrument else found.without(_instrument_fields())
     text |= {name: f"{added[name]:.10g}" for name in found.names if name in added}
     text |= {name: word for name, word in shape.items() if word != getattr(Effects(), name)}
@@ -213,7 +215,7 @@ def _quantiles(values: Array) -> Array:
     """Quantiles over the first axis as the last one; for one parameter set its values."""
     if len(values) == 1:
         return values[0][..., None]
-    return np.moveaxis(np.quantile(values, QUANTILES, axis=0), 0, -1)
+    return np.asarray(np.moveaxis(np.quantile(values, QUANTILES, axis=0), 0, -1))
 
 
 def _dhr(model: _Model, scene: Scene) -> Array:

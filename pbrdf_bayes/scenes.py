@@ -91,12 +91,8 @@ class Scene:
         _words("phase", (self.phase,), PHASES)
         _number("depolarisation", self.depolarisation, 0.0, 1.0)
         _number("n_draws", self.n_draws, *DRAWS, whole=True)
-        if not isinstance(self.instrument, bool):
-            msg = f"instrument = {self.instrument!r} is not allowed: give true or false"
-            raise ConfigError(msg)
-        if not isinstance(self.effects, Mapping):
-            msg = f"effects = {self.effects!r} is not allowed: give a table, e.g. [effects]"
-            raise ConfigError(msg)
+        _kind("instrument", self.instrument, bool, "true or false")
+        _kind("effects", self.effects, Mapping, "a table, e.g. [effects]")
         self._refuse_half_a_request()
 
     def _refuse_half_a_request(self) -> None:
@@ -193,10 +189,14 @@ def check_scene_keys(given: Iterable[str]) -> None:
             raise ConfigError(msg)
 
 
-def _increasing(key: str, values: Any) -> None:
-    if not isinstance(values, tuple):
-        msg = f"{key} = {values!r} is not allowed: give a list (in Python a tuple)"
+def _kind(key: str, value: Any, kind: type, words: str) -> None:
+    if not isinstance(value, kind):
+        msg = f"{key} = {value!r} is not allowed: give {words}"
         raise ConfigError(msg)
+
+
+def _increasing(key: str, values: Any) -> None:
+    _kind(key, values, tuple, "a list (in Python a tuple)")
     for value in values:
         if not isinstance(value, (int, float)) or isinstance(value, bool):
             msg = f"{key}: {value!r} is not a number: give degrees"
