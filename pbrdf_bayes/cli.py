@@ -24,6 +24,7 @@ from pbrdf_bayes.errors import ConfigError, ConvergenceError, PbrdfError
 DONE, BAD_INPUT, NOT_CONVERGED, STRICT_FAIL, INTERRUPTED = 0, 2, 3, 4, 130
 
 _SIGNED = ("--theta-i", "--theta-r", "--dhr-theta-i", "--phi-r")
+_OF_SCENE = ("theta_i", "theta_r", "polarization", "dhr_theta_i", "phi_r")
 _EPILOG = """\
 exit codes: 0 done (a QA FAIL is still done; --strict makes it 4), 2 bad input or usage,
 3 the computation did not converge (results kept, marked), 130 interrupted
@@ -31,15 +32,6 @@ exit codes: 0 done (a QA FAIL is still done; --strict makes it 4), 2 bad input o
 the CSV: UTF-8 with a header; columns sample, wavelength_um, quantity (brdf or dhr),
 polarization (s, p or u), theta_i_deg, theta_r_deg (brdf only; signed, + = forward), value;
 optional sigma, n_repeats, phi_r_deg, scan, flag
-"""
-_SCENE_EPILOG = """\
-a scene file (all keys but angles are optional; angles: a list, or "LO:HI:STEP"):
-  theta_i_deg = [20, 60]            theta_r_deg = "0:85:2.5"    phi_r_deg = "0:180:5"
-  polarizations = ["s", "p", "u"]   dhr_theta_i_deg = "0:85:5"  n_draws = 400
-  stokes_incident = "u"             depolarisation = 0.1        instrument = false
-  [effects]                         # with --params: line_shape, lambert, volume, ...
-without phi_r_deg it is a scan in the plane of incidence, theta_r_deg with sign. Written to --out:
-scene.csv, scene.nc, scene.html and SVG pictures
 """
 
 
@@ -152,10 +144,10 @@ def build_parser() -> argparse.ArgumentParser:
 def _verb(
     verbs: Any, name: str, run: Callable[[argparse.Namespace], int], text: str, epilog: str = ""
 ) -> argparse.ArgumentParser:
+    style = argparse.RawDescriptionHelpFormatter
     parser: argparse.ArgumentParser = verbs.add_parser(
-        name, help=text, description=text, epilog=epilog,
-        formatter_class=argparse.RawDescriptionHelpFormatter if epilog else argparse.HelpFormatter,
-    )  # fmt: skip
+        name, help=text, description=text, epilog=epilog, formatter_class=style
+    )
     parser.set_defaults(run=run)
     return parser
 
@@ -193,22 +185,20 @@ def _add_report(verbs: Any) -> None:
 
 
 def _add_predict(verbs: Any) -> None:
+    from pbrdf_bayes.scenes import SCENE_HELP
+
     parser = _verb(verbs, "predict", _predict,
                    "Predicted curves, with bands where a run folder is given.",
-                   epilog=_SCENE_EPILOG)  # fmt: skip
+                   epilog=SCENE_HELP)  # fmt: skip
     parser.add_argument("folder", type=Path, metavar="DIR", nargs="?", help="a finished run")
     _add_parameters(parser, required=False)
     _add_angles(parser, theta_r="-85:85:1")
     parser.add_argument("--dhr-theta-i", type=_numbers, default=[], metavar="DEG,...",
                         help="incidence angles of DHR rows")  # fmt: skip
-    parser.add_argument(
-        "--phi-r", type=float, default=0.0, metavar="DEG", help="azimuth (default 0)"
-    )
+    parser.add_argument("--phi-r", type=float, default=0.0, metavar="DEG", help="azimuth (0)")
     parser.add_argument("--rtol", type=float, default=1e-8, help="tolerance with --params (1e-8)")
-    parser.add_argument("--scene", type=Path, metavar="TOML",
-                        help="what is wanted, instead of the angles above")  # fmt: skip
-    parser.add_argument("--out", type=Path, metavar="CSV",
-                        help="default: standard output; with --scene a folder")  # fmt: skip
+    parser.add_argument("--scene", type=Path, metavar="TOML", help="what is wanted, see below")
+    parser.add_argument("--out", type=Path, metavar="CSV", help="or stdout; for a scene: a folder")
 
 
 def _add_simulate(verbs: Any) -> None:
@@ -361,15 +351,12 @@ def _predict(options: argparse.Namespace) -> int:
 def _predict_scene(options: argparse.Namespace, parameters: Any, effects: Any) -> int:
     from pbrdf_bayes.scene_files import write_scene
 
-    others = build_parser().parse_args(["predict"])
-    for name in ("theta_i", "theta_r", "polarization", "dhr_theta_i", "phi_r"):
-        if getattr(options, name) != getattr(others, name):
-            msg = f"--{name.replace('_', '-')} with --scene: the scene file says what is wanted"
+    for name, default in vars(build_parser().parse_args(["predict"])).items():
+        if name in _OF_SCENE and getattr(options, name) != default:
+            msg = f"--{name.replace('_', '-')} with --scene: say it in the scene file instead"
             raise ConfigError(msg)
-    print(write_scene(
-        options.scene, options.out, folder=options.folder, parameters=parameters, effects=effects,
-        rtol=options.rtol,
-    ))  # fmt: skip
+    print(write_scene(options.scene, options.out, folder=options.folder, parameters=parameters,
+                      effects=effects, rtol=options.rtol))  # fmt: skip
     return DONE
 
 

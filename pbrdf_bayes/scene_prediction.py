@@ -214,7 +214,7 @@ def _of_run(analysis: Analysis, scene: Scene) -> _Model:
 def _quantiles(values: Array) -> Array:
     """Quantiles over the first axis as the last one; for one parameter set its values."""
     if len(values) == 1:
-        return values[0][..., None]
+        return np.asarray(values[0][..., None])
     return np.asarray(np.moveaxis(np.quantile(values, QUANTILES, axis=0), 0, -1))
 
 

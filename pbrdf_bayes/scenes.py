@@ -9,21 +9,32 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from itertools import pairwise
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any
 
 from pbrdf_bayes.config import did_you_mean
 from pbrdf_bayes.errors import ConfigError
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:  # the help of the command line comes from here and loads nothing heavy
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
 
 POLARIZATIONS = ("s", "p", "u")
 PHASES = ("fresnel", "paper")
 MOST_DIRECTIONS = 1_000_000
 """Directions times polarisations of a scene, at most."""
 DRAWS = (10, 4000)
+SCENE_HELP = """\
+a scene file (all keys but angles are optional; angles: a list, or "LO:HI:STEP"):
+  theta_i_deg = [20, 60]            theta_r_deg = "0:85:2.5"    phi_r_deg = "0:180:5"
+  polarizations = ["s", "p", "u"]   dhr_theta_i_deg = "0:85:5"  n_draws = 400
+  stokes_incident = "u"             depolarisation = 0.1        instrument = false
+  [effects]                         # with --params: line_shape, lambert, volume, ...
+without phi_r_deg it is a scan in the plane of incidence, theta_r_deg with sign. Written to --out:
+scene.csv, scene.nc, scene.html and SVG pictures
+"""
+"""How a scene file looks like, for the help of the command line."""
 ANGLES = ("theta_i_deg", "theta_r_deg", "phi_r_deg", "dhr_theta_i_deg")
 
 
