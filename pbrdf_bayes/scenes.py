@@ -26,15 +26,20 @@ MOST_DIRECTIONS = 1_000_000
 """Directions times polarisations of a scene, at most."""
 DRAWS = (10, 4000)
 SCENE_HELP = """\
-a scene file (all keys but angles are optional; angles: a list, or "LO:HI:STEP"):
-  theta_i_deg = [20, 60]            theta_r_deg = "0:85:2.5"    phi_r_deg = "0:180:5"
-  polarizations = ["s", "p", "u"]   dhr_theta_i_deg = "0:85:5"  n_draws = 400
-  stokes_incident = "u"             depolarisation = 0.1        instrument = false
-  [effects]                         # with --params: line_shape, lambert, volume, ...
-without phi_r_deg it is a scan in the plane of incidence, theta_r_deg with sign. Written to --out:
-scene.csv, scene.nc, scene.html and SVG pictures
+a scene file (angles in degrees: a list, or "LO:HI:STEP"; what is not asked for is not computed):
+  theta_i_deg = [20, 60]
+  theta_r_deg = "0:85:2.5"
+  phi_r_deg = "0:180:5"             # without it a scan in plane, theta_r_deg with sign
+  polarizations = ["s", "p", "u"]
+  dhr_theta_i_deg = "0:85:5"
+  stokes_incident = "u"             # Stokes components of the light scattered from it
+  depolarisation = 0.1              # share of it that is depolarised
+  instrument = false                # with the effects of the instrument
+  n_draws = 400                     # of the posterior, for the bands
+  [effects]                         # with --params only: line_shape, lambert, volume, ...
+written to --out: scene.csv, scene.nc, scene.html and its pictures as SVG
 """
-"""How a scene file looks like, for the help of the command line."""
+"""What a scene file looks like, for the help of the command line."""
 ANGLES = ("theta_i_deg", "theta_r_deg", "phi_r_deg", "dhr_theta_i_deg")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,9 @@ def values(wanted: Scene, effects: Effects | None = None, parameters=GREEN) -> A
 # ------------------------------------------------------------------------------------- the numbers
 
 
-@pytest.mark.parametrize("effects", [None, MIXED, Effects(bulk=0.05)], ids=["none", "mixed", "bulk"])
+@pytest.mark.parametrize(
+    "effects", [None, MIXED, Effects(bulk=0.05)], ids=["none", "mixed", "bulk"]
+)
 @pytest.mark.parametrize("phi", [(0.0,), CIRCLE, (-170.0, -30.0, 0.0, 45.0, 270.0)])
 def test_the_brdf_is_that_of_the_public_model(effects: Effects | None, phi: tuple[float, ...]):
     found = values(scene(phi_r_deg=phi), effects).brdf
@@ -68,7 +71,7 @@ def test_the_dhr_is_that_of_the_public_model(effects: Effects | None):
 
 def gauss(*edges: float, n: int = 40) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     x, w = np.polynomial.legendre.leggauss(n)
-    pairs = list(zip(edges[:-1], edges[1:], strict=True))
+    pairs = list(pairwise(edges))
     nodes = [0.5 * (b + a) + 0.5 * (b - a) * x for a, b in pairs]
     return np.concatenate(nodes), np.concatenate([0.5 * (b - a) * w for a, b in pairs])
 

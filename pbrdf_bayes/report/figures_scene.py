@@ -182,6 +182,8 @@ def _map(
 
 def _fill(axes: Axes, x: Array, y: Array, z: Array, scale: _Scale) -> None:
     """Colours in even steps; a fine line at every labelled value."""
+    if not np.isfinite(z).any():
+        return
     inside = np.clip(z, scale.low, scale.high)
     levels = np.linspace(scale.low, scale.high, _STEPS + 1)
     levels[0], levels[-1] = levels[0] - 1e-9, levels[-1] + 1e-9
