@@ -47,10 +47,21 @@ _NO_WORDS = np.zeros(0, np.str_)
 
 
 @dataclass(frozen=True, eq=False)
-class _Model:
+class DrawnModel:
     """Parameter sets of one sample, and what is switched on.
 
-    ``x`` has the shape (n_sets, 4 + n_effects), its columns the ``names``.
+    Attributes
+    ----------
+    x : ndarray, shape (n_sets, 4 + n_effects)
+        The first four columns are n, k, sigma_n0, rho0.
+    names : tuple of str
+        Of the columns.
+    line_shape, fresnel_at : str
+        As in `pbrdf_bayes.Effects`.
+    digits : float
+        Correct decimal digits of the normalisation.
+    source : mapping
+        Where the parameters come from, as text by name.
     """
 
     x: Array
@@ -60,7 +71,7 @@ class _Model:
     digits: float
     source: Mapping[str, str]
 
-    def without(self, left_out: tuple[str, ...]) -> _Model:
+    def without(self, left_out: tuple[str, ...]) -> DrawnModel:
         """The same model without the effects of these columns."""
         kept = [i for i, name in enumerate(self.names) if name not in left_out]
         return replace(
@@ -137,6 +148,11 @@ def predict_scene(
         drawn = _of_run(model, scene)
     else:
         drawn = _of_parameters(model, _on_top(effects, scene), scene, rtol)
+    return compute_scene(drawn, scene)
+
+
+def compute_scene(drawn: DrawnModel, scene: Scene) -> SceneValues:
+    """What a scene asks for, from parameter sets; its angles are checked before."""
     brdf, stokes, dolp = _over_directions(drawn, scene) if scene.theta_i_deg else (None,) * 3
     return SceneValues(
         scene=scene, quantiles=QUANTILES if len(drawn.x) > 1 else (0.5,), brdf=brdf,
@@ -174,13 +190,13 @@ def _on_top(effects: Effects | None, scene: Scene) -> Effects:
 
 def _of_parameters(
     parameters: Parameters, effects: Effects, scene: Scene, rtol: float
-) -> _Model:  # fmt: skip
+) -> DrawnModel:  # fmt: skip
     added = {name: value for name, value in asdict(effects).items() if name in EffectValues._fields}
     added = {name: value for name, value in added.items() if value != getattr(NULL, name)}
     text = {name: f"{getattr(parameters, name):.10g}" for name in DOMAIN}
     shape = {"line_shape": effects.line_shape, "fresnel_at": effects.fresnel_at}
     x = np.concatenate([parameters.as_array(), [float(v) for v in added.values()]])[None, :]
-    found = _Model(
+    found = DrawnModel(
         x, (*DOMAIN, *added), effects.line_shape, effects.fresnel_at, digits_of(rtol), source={}
     )
     found = found if scene.instrument else found.without(_instrument_fields())
@@ -189,7 +205,7 @@ def _of_parameters(
     return replace(found, source={"parameters": ", ".join(f"{k} = {v}" for k, v in text.items())})
 
 
-def _of_run(analysis: Analysis, scene: Scene) -> _Model:
+def _of_run(analysis: Analysis, scene: Scene) -> DrawnModel:
     """Draws of the posterior, the same that `predict` takes where their number is the same."""
     summary, group = analysis.summary, analysis.draws["posterior"].to_dataset()
     names = (*DOMAIN, *(name for name in EffectValues._fields if name in group))
@@ -204,7 +220,7 @@ def _of_run(analysis: Analysis, scene: Scene) -> _Model:
         "seed": str(summary["seed"]),
         "bands": f"5 %, 50 % and 95 % of {scene.n_draws} draws of the posterior",
     }
-    found = _Model(
+    found = DrawnModel(
         flat[rng.choice(len(flat), scene.n_draws)], names, config["line_shape"],
         config["fresnel_at"], digits_of(ACCURACIES[config["accuracy"]].rtol), source,
     )  # fmt: skip
@@ -212,13 +228,22 @@ def _of_run(analysis: Analysis, scene: Scene) -> _Model:
 
 
 def _quantiles(values: Array) -> Array:
-    """Quantiles over the first axis as the last one; for one parameter set its values."""
+    """Quantiles over the first axis as the last one; for one parameter set its values.
+
+    Those of `numpy.quantile`, by sorting draws that lie side by side: several times as fast.
+    """
     if len(values) == 1:
         return np.asarray(values[0][..., None])
-    return np.asarray(np.moveaxis(np.quantile(values, QUANTILES, axis=0), 0, -1))
+    ordered = np.sort(np.ascontiguousarray(np.moveaxis(values, 0, -1)), axis=-1)
+    at = np.array(QUANTILES) * (len(values) - 1)
+    below = np.minimum(at.astype(np.int64), len(values) - 2)
+    low, high = ordered[..., below], ordered[..., below + 1]
+    found = low + (high - low) * (at - below)
+    found[np.isnan(ordered[..., -1])] = np.nan
+    return np.asarray(found)
 
 
-def _dhr(model: _Model, scene: Scene) -> Array:
+def _dhr(model: DrawnModel, scene: Scene) -> Array:
     words, angles = scene.polarizations, np.deg2rad(scene.dhr_theta_i_deg)
     geometry = prepare_geometry(
         theta_i=_NONE, theta_r=_NONE, phi_r=_NONE, polarization=_NO_WORDS,
@@ -254,7 +279,7 @@ def _distinct(scene: Scene) -> _Directions:
     return _Directions(distinct[:, 0], distinct[:, 1], which.ravel(), mirrored)
 
 
-def _over_directions(model: _Model, scene: Scene) -> tuple[Array, Array | None, Array | None]:
+def _over_directions(model: DrawnModel, scene: Scene) -> tuple[Array, Array | None, Array | None]:
     """BRDF, Stokes components and degree of linear polarisation on the grid of the scene."""
     grid = _distinct(scene)
     found = [_at_incidence(model, scene, theta_i, grid) for theta_i in scene.theta_i_deg]
@@ -270,7 +295,7 @@ def _over_directions(model: _Model, scene: Scene) -> tuple[Array, Array | None, 
     return brdf, whole[n_words : n_words + 3].reshape(3, *shape), whole[-1].reshape(shape)
 
 
-def _at_incidence(model: _Model, scene: Scene, theta_i: float, grid: _Directions) -> Array:
+def _at_incidence(model: DrawnModel, scene: Scene, theta_i: float, grid: _Directions) -> Array:
     """BRDF of each polarisation, S0, S1, S2 and DoLP: quantiles, (n, n_distinct, n_quantile)."""
     parts = [
         np.concatenate([_quantiles(values) for values in _block(model, scene, theta_i, grid, rows)])
@@ -286,7 +311,7 @@ def _blocks(width: int, size: int) -> Iterator[slice]:
 
 
 def _block(
-    model: _Model, scene: Scene, theta_i: float, grid: _Directions, rows: slice
+    model: DrawnModel, scene: Scene, theta_i: float, grid: _Directions, rows: slice
 ) -> Iterator[Array]:
     """BRDF and, where asked for, Stokes components and DoLP of all draws, (n_sets, n, n_rows)."""
     theta_r, phi_r = grid.theta_r[rows], grid.phi_r[rows]
@@ -303,7 +328,7 @@ def _block(
 
 
 def _brdf(
-    model: _Model, theta_i: float, theta_r: Array, phi_r: Array, words: tuple[str, ...]
+    model: DrawnModel, theta_i: float, theta_r: Array, phi_r: Array, words: tuple[str, ...]
 ) -> Array:
     """BRDF [sr^-1], shape (n_sets, n_words, n_directions); angles [deg]."""
     n = theta_r.size
@@ -318,7 +343,7 @@ def _brdf(
 
 
 def _stokes(
-    model: _Model, scene: Scene, theta_i: Array, theta_r: Array, phi_r: Array,
+    model: DrawnModel, scene: Scene, theta_i: Array, theta_r: Array, phi_r: Array,
     total: tuple[Array, Array],
 ) -> Array:  # fmt: skip
     """S0, S1, S2 [sr^-1] of each draw, shape (n_sets, 3, n_directions)."""

@@ -206,6 +206,14 @@ def test_bands_of_a_run_are_those_of_the_curves(finished_run):
         assert (np.diff(array, axis=-1) >= 0.0).all()
 
 
+@pytest.mark.parametrize("n_draws", [2, 10, 41, 400])
+def test_quantiles_are_those_of_numpy(n_draws: int):
+    draws = np.random.default_rng(1).lognormal(size=(n_draws, 3, 5))
+    draws[1, 0, 0] = np.nan
+    expected = np.moveaxis(np.quantile(draws, scene_prediction.QUANTILES, axis=0), 0, -1)
+    np.testing.assert_allclose(scene_prediction._quantiles(draws), expected, rtol=1e-13)
+
+
 def test_blocks_change_nothing(finished_run, monkeypatch: pytest.MonkeyPatch):
     analysis = load_analysis(finished_run)
     wanted = scene(phi_r_deg=HALF, theta_r_deg=THETA, stokes_incident="s", n_draws=20)
@@ -224,12 +232,22 @@ class Work:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.lobes = self.norms = self.rows = self.dhr_rows = 0
-        self.calls = {"evaluate": 0, "evaluate_with_effects": 0, "phase_cosine": 0, "stokes": 0}
+        self.calls = {
+            "evaluate": 0,
+            "evaluate_with_effects": 0,
+            "phase_cosine": 0,
+            "stokes": 0,
+            "second": 0,
+        }
         for name in ("evaluate", "evaluate_with_effects"):
             monkeypatch.setattr(scene_prediction, name, self._counted(name))
         from pbrdf_bayes.physics import scene_stokes
 
-        for name, key in (("phase_cosine", "phase_cosine"), ("mueller_matrix", "stokes")):
+        for name, key in (
+            ("phase_cosine", "phase_cosine"),
+            ("unpolarised_column", "stokes"),
+            ("polarised_column", "second"),
+        ):
             monkeypatch.setattr(scene_stokes, name, self._called(getattr(scene_stokes, name), key))
 
     def _called(self, function: Any, key: str) -> Any:
@@ -298,7 +316,7 @@ def test_stokes_components_cost_only_those_who_ask(work):
     assert without.calls["stokes"] == 0
     assert (asked.lobes, asked.rows) == (without.lobes, without.rows)
     assert asked.calls["stokes"] == 2
-    assert asked.calls["phase_cosine"] == 0
+    assert asked.calls["phase_cosine"] == asked.calls["second"] == 0
     assert work(scene(stokes_incident="s")).calls["phase_cosine"] == 2
     assert work(scene(stokes_incident="s", phase="paper")).calls["phase_cosine"] == 0
 

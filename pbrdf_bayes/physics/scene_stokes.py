@@ -15,23 +15,14 @@ surface.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.physics.effects.bulk import bulk_brdf
 from pbrdf_bayes.physics.fresnel import Surface, transmittances
-from pbrdf_bayes.physics.stokes import Frames, mueller_matrix, phase_cosine
+from pbrdf_bayes.physics.stokes import Frames, phase_cosine, polarised_column, unpolarised_column
 
 Array = NDArray[np.float64]
-
-INCIDENT: Mapping[str, tuple[float, float, float]] = {
-    "s": (1.0, 1.0, 0.0),
-    "p": (1.0, -1.0, 0.0),
-    "u": (1.0, 0.0, 0.0),
-}
-"""Stokes vectors of the illuminations, of unit irradiance."""
 
 
 def of_surface(
@@ -39,12 +30,14 @@ def of_surface(
 ) -> Array:
     """Stokes vectors [sr^-1] of what facets scatter, shape (3, n_directions).
 
-    Unpolarised light needs no phase, and none is computed for it.
+    Only the columns of the Mueller matrix that the light meets; unpolarised light needs no phase.
     """
-    cosine = np.ones(f_s.shape)
-    if phase == "fresnel" and incident != "u":
-        cosine = phase_cosine(frames, n, k)
-    return np.asarray((mueller_matrix(f_s, f_p, cosine, frames) @ np.array(INCIDENT[incident])).T)
+    found = np.stack(unpolarised_column(f_s, f_p, frames))
+    if incident == "u":
+        return found
+    cosine = phase_cosine(frames, n, k) if phase == "fresnel" else np.ones(f_s.shape)
+    added = np.stack(polarised_column(f_s, f_p, cosine, frames))
+    return found + added if incident == "s" else found - added
 
 
 def bulk_s1(
