@@ -219,6 +219,15 @@ def test_what_cannot_be_drawn_is_left_out(given: dict[str, Any]):
     assert [p for p in found if p.part == "hemisphere"] == []
 
 
+def test_many_incidences_make_no_endless_page():
+    wanted = Scene(theta_i_deg=tuple(np.arange(0.0, 89.0)), theta_r_deg=(-30.0, 0.0, 30.0))
+    values = pb.predict_scene(pb.GREEN_PAINT, wanted)
+    found = scene_pictures(values)
+    assert len(found) == 8
+    assert [found[0].name, found[-1].name] == ["scene_plane_0", "scene_plane_88"]
+    assert "drawn: 8 of 89 angles of incidence" in render_scene(values, found)
+
+
 def test_flat_maps_can_be_drawn():
     """No line can be drawn at a value that is nowhere, and a black sample has no logarithm."""
     theta, phi = tuple(np.arange(0.0, 86.0, 5.0)), tuple(np.arange(0.0, 181.0, 20.0))

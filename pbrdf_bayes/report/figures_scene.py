@@ -39,6 +39,8 @@ Array = NDArray[np.float64]
 
 WIDTH = 344.0
 RADIUS = 124.0
+MOST_DRAWN = 8
+"""Angles of incidence that are drawn at most."""
 _BOTTOM, _TOP, _CURVE = 96.0, 40.0, 170.0
 _DECADES = 5.0
 _STEPS = 40
@@ -85,6 +87,13 @@ def scene_pictures(values: SceneValues) -> list[ScenePicture]:
         return [*_curves(values), *_maps(values), *_dhr(values)]
 
 
+def drawn_incidences(values: SceneValues) -> list[tuple[int, float]]:
+    """Index and angle [deg] of the incidences that are drawn: `MOST_DRAWN`, evenly spread."""
+    angles = values.scene.theta_i_deg
+    chosen = np.unique(np.linspace(0, len(angles) - 1, min(len(angles), MOST_DRAWN)).astype(int))
+    return [(i, angles[i]) for i in chosen.tolist()] if angles else []
+
+
 # -------------------------------------------------------------------------------------------- maps
 
 
@@ -94,25 +103,29 @@ def _maps(values: SceneValues) -> list[ScenePicture]:
     if grid is None:
         return found
     x, y, order = grid
+    drawn = drawn_incidences(values)
     if values.brdf is not None:
         logs = log10_or_gap(values.brdf[..., values.at_median])
         scale = _brdf_scale(logs)
-        for i, theta_i in enumerate(scene.theta_i_deg):
+        for i, theta_i in drawn:
             for q, z in zip(scene.polarizations, logs[:, i], strict=True):
                 title = f"BRDF (sr⁻¹), {LOOKS[q].word}, θ_i = {degrees(theta_i)}"
                 label = f"Polar map of the {q} BRDF at {degrees(theta_i)}: {span(10**z)} per sr"
-                svg = _map(x, y, z[:, order], theta_i, scale, title, label, f"map-{q}-{theta_i:g}")
-                found.append(ScenePicture(f"scene_brdf_{q}_{theta_i:g}", "hemisphere", svg))
+                svg = _map(
+                    x, y, z[:, order], theta_i, scale, title, label, f"map-{q}-{theta_i:.10g}"
+                )
+                found.append(ScenePicture(f"scene_brdf_{q}_{theta_i:.10g}", "hemisphere", svg))
     if values.dolp is not None:
         dolp = values.dolp[..., values.at_median]
         scale = _share_scale(dolp)
-        for theta_i, z in zip(scene.theta_i_deg, dolp, strict=True):
+        for i, theta_i in drawn:
+            z = dolp[i]
             title = f"Degree of linear polarisation, θ_i = {degrees(theta_i)}"
             label = (
                 f"Polar map of the degree of linear polarisation at {degrees(theta_i)}: {span(z)}"
             )
-            svg = _map(x, y, z[:, order], theta_i, scale, title, label, f"dolp-{theta_i:g}")
-            found.append(ScenePicture(f"scene_dolp_{theta_i:g}", "polarisation", svg))
+            svg = _map(x, y, z[:, order], theta_i, scale, title, label, f"dolp-{theta_i:.10g}")
+            found.append(ScenePicture(f"scene_dolp_{theta_i:.10g}", "polarisation", svg))
     return found
 
 
@@ -245,16 +258,16 @@ def _curves(values: SceneValues) -> list[ScenePicture]:
     scene, (theta, rows, columns) = values.scene, _in_plane(values)
     if theta.size < 2:
         return found
-    for i, theta_i in enumerate(scene.theta_i_deg):
+    for i, theta_i in drawn_incidences(values):
         if values.brdf is not None:
             strands = {
                 q: values.brdf[j, i][rows, columns] for j, q in enumerate(scene.polarizations)
             }
             svg = _brdf_curves(theta, strands, theta_i, values.at_median)
-            found.append(ScenePicture(f"scene_plane_{theta_i:g}", "plane", svg))
+            found.append(ScenePicture(f"scene_plane_{theta_i:.10g}", "plane", svg))
         if values.dolp is not None:
             svg = _dolp_curve(theta, values.dolp[i][rows, columns], theta_i, values)
-            found.append(ScenePicture(f"scene_plane_dolp_{theta_i:g}", "polarisation", svg))
+            found.append(ScenePicture(f"scene_plane_dolp_{theta_i:.10g}", "polarisation", svg))
     return found
 
 
@@ -287,7 +300,7 @@ def _brdf_curves(theta: Array, strands: dict[str, Array], theta_i: float, middle
     _key(panel, list(logs))
     said = "; ".join(f"{q} {span(v[:, middle])} per sr" for q, v in strands.items())
     label = f"BRDF in the plane of incidence at {degrees(theta_i)}: {said}"
-    return inline_svg(panel.figure, name=f"plane-{theta_i:g}", label=label)
+    return inline_svg(panel.figure, name=f"plane-{theta_i:.10g}", label=label)
 
 
 def _dolp_curve(theta: Array, curve: Array, theta_i: float, values: SceneValues) -> Markup:
@@ -298,7 +311,7 @@ def _dolp_curve(theta: Array, curve: Array, theta_i: float, values: SceneValues)
     _strand(panel, theta, curve, incident, values.at_median)
     _key(panel, [incident])
     label = f"Degree of linear polarisation in plane: {span(curve[:, values.at_median])}"
-    return inline_svg(panel.figure, name=f"plane-dolp-{theta_i:g}", label=label)
+    return inline_svg(panel.figure, name=f"plane-dolp-{theta_i:.10g}", label=label)
 
 
 def _dhr(values: SceneValues) -> list[ScenePicture]:

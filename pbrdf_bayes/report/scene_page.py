@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from pbrdf_bayes.report.figures_scene import ScenePicture
+from pbrdf_bayes.report.figures_scene import ScenePicture, drawn_incidences
 from pbrdf_bayes.report.numbers import count
 from pbrdf_bayes.report.page import environment
 from pbrdf_bayes.scenes import SceneValues
 
 _FONT = "Arial, Helvetica, sans-serif"
+_WORDS = {"verdict": "verdict of the fit"}
 _PARTS = {
     "plane": ("In the plane of incidence", "Scattering angles from −90° (back) to 90° (forward)."),
     "hemisphere": (
@@ -46,6 +47,9 @@ def render_scene(values: SceneValues, pictures: Sequence[ScenePicture]) -> str:
         [f"DHR at {count(len(scene.dhr_theta_i_deg))} angles"] if scene.dhr_theta_i_deg else []
     )
     lines = [_line(key, text) for key, text in source.items() if key != "sample"]
+    n_drawn = len(drawn_incidences(values))
+    if n_drawn < len(scene.theta_i_deg):
+        lines.append(f"drawn: {n_drawn} of {len(scene.theta_i_deg)} angles of incidence")
     if scene.stokes_incident:
         share = f", share of depolarised light {scene.depolarisation:g}"
         lines.append(
@@ -59,7 +63,9 @@ def render_scene(values: SceneValues, pictures: Sequence[ScenePicture]) -> str:
 
 
 def _line(key: str, text: str) -> str:
-    return f"{text} µm" if key == "wavelength_um" else f"{key}: {text}"
+    if key == "wavelength_um":
+        return f"{text} µm"
+    return f"{_WORDS.get(key, key)}: {text}"
 
 
 def standalone_svg(picture: ScenePicture) -> str:
