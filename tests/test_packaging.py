@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 
 import pbrdf_bayes as pb
-from pbrdf_bayes.io.scene_toml import scene_from_table
 from pbrdf_bayes.cli import build_parser
 from pbrdf_bayes.inference.priors import PRESETS
+from pbrdf_bayes.io.scene_toml import scene_from_table
 
 ROOT = Path(__file__).parents[1]
 
