@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from pbrdf_bayes.reciprocity import reciprocal_brdf, reciprocity_defect
     from pbrdf_bayes.report.page import render_report
     from pbrdf_bayes.results import Analysis
+    from pbrdf_bayes.scene_prediction import predict_scene
+    from pbrdf_bayes.scenes import Scene
     from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
     from pbrdf_bayes.workflow import fit
 
@@ -55,6 +57,7 @@ _HOME = {
     "Posterior": "inference.posterior",
     "RunConfig": "config",
     "RunFolderError": "errors",
+    "Scene": "scenes",
     "angle_of_linear_polarization_deg": "polarimetry",
     "brdf": "model",
     "build_posterior": "inference.posterior",
@@ -65,6 +68,7 @@ _HOME = {
     "load_analysis": "io.run_folder",
     "mueller": "polarimetry",
     "normalisation_error": "model",
+    "predict_scene": "scene_prediction",
     "read_measurement": "io.tidy_csv",
     "reciprocal_brdf": "reciprocity",
     "reciprocity_defect": "reciprocity",
@@ -90,6 +94,7 @@ __all__ = [
     "Posterior",
     "RunConfig",
     "RunFolderError",
+    "Scene",
     "__version__",
     "angle_of_linear_polarization_deg",
     "brdf",
@@ -101,6 +106,7 @@ __all__ = [
     "load_analysis",
     "mueller",
     "normalisation_error",
+    "predict_scene",
     "read_measurement",
     "reciprocal_brdf",
     "reciprocity_defect",

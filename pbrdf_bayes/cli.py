@@ -24,6 +24,7 @@ from pbrdf_bayes.errors import ConfigError, ConvergenceError, PbrdfError
 DONE, BAD_INPUT, NOT_CONVERGED, STRICT_FAIL, INTERRUPTED = 0, 2, 3, 4, 130
 
 _SIGNED = ("--theta-i", "--theta-r", "--dhr-theta-i", "--phi-r")
+_OF_SCENE = ("theta_i", "theta_r", "polarization", "dhr_theta_i", "phi_r")
 _EPILOG = """\
 exit codes: 0 done (a QA FAIL is still done; --strict makes it 4), 2 bad input or usage,
 3 the computation did not converge (results kept, marked), 130 interrupted
@@ -141,9 +142,12 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def _verb(
-    verbs: Any, name: str, run: Callable[[argparse.Namespace], int], text: str
+    verbs: Any, name: str, run: Callable[[argparse.Namespace], int], text: str, epilog: str = ""
 ) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = verbs.add_parser(name, help=text, description=text)
+    style = argparse.RawDescriptionHelpFormatter
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name, help=text, description=text, epilog=epilog, formatter_class=style
+    )
     parser.set_defaults(run=run)
     return parser
 
@@ -181,18 +185,20 @@ def _add_report(verbs: Any) -> None:
 
 
 def _add_predict(verbs: Any) -> None:
+    from pbrdf_bayes.scenes import SCENE_HELP
+
     parser = _verb(verbs, "predict", _predict,
-                   "Predicted curves, with bands where a run folder is given.")  # fmt: skip
+                   "Predicted curves, with bands where a run folder is given.",
+                   epilog=SCENE_HELP)  # fmt: skip
     parser.add_argument("folder", type=Path, metavar="DIR", nargs="?", help="a finished run")
     _add_parameters(parser, required=False)
     _add_angles(parser, theta_r="-85:85:1")
     parser.add_argument("--dhr-theta-i", type=_numbers, default=[], metavar="DEG,...",
                         help="incidence angles of DHR rows")  # fmt: skip
-    parser.add_argument(
-        "--phi-r", type=float, default=0.0, metavar="DEG", help="azimuth (default 0)"
-    )
+    parser.add_argument("--phi-r", type=float, default=0.0, metavar="DEG", help="azimuth (0)")
     parser.add_argument("--rtol", type=float, default=1e-8, help="tolerance with --params (1e-8)")
-    parser.add_argument("--out", type=Path, metavar="CSV", help="default: standard output")
+    parser.add_argument("--scene", type=Path, metavar="TOML", help="what is wanted, see below")
+    parser.add_argument("--out", type=Path, metavar="CSV", help="or stdout; for a scene: a folder")
 
 
 def _add_simulate(verbs: Any) -> None:
@@ -330,6 +336,8 @@ def _predict(options: argparse.Namespace) -> int:
         msg = "give either a run folder or --params, not both and not neither"
         raise ConfigError(msg)
     given = (None, None) if options.params is None else read_parameters(options.params)
+    if options.scene is not None:
+        return _predict_scene(options, *given)
     text = predict_table(
         folder=options.folder, parameters=given[0], effects=given[1],
         theta_i_deg=options.theta_i, theta_r_deg=options.theta_r, phi_r_deg=options.phi_r,
@@ -337,6 +345,18 @@ def _predict(options: argparse.Namespace) -> int:
         rtol=options.rtol,
     )  # fmt: skip
     _write_out(text, options.out)
+    return DONE
+
+
+def _predict_scene(options: argparse.Namespace, parameters: Any, effects: Any) -> int:
+    from pbrdf_bayes.scene_files import write_scene
+
+    for name, default in vars(build_parser().parse_args(["predict"])).items():
+        if name in _OF_SCENE and getattr(options, name) != default:
+            msg = f"--{name.replace('_', '-')} with --scene: say it in the scene file instead"
+            raise ConfigError(msg)
+    print(write_scene(options.scene, options.out, folder=options.folder, parameters=parameters,
+                      effects=effects, rtol=options.rtol))  # fmt: skip
     return DONE
 
 

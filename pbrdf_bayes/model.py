@@ -143,9 +143,9 @@ def brdf(
     [0.003834 0.013491 0.025692]
     """
     angles = np.broadcast_arrays(
-        _checked("theta_i_deg", theta_i_deg, 0.0, MAX_THETA_I_DEG),
-        _checked("theta_r_deg", theta_r_deg, -90.0, 90.0),
-        _checked("phi_r_deg", phi_r_deg, -360.0, 360.0),
+        checked_angles("theta_i_deg", theta_i_deg, 0.0, MAX_THETA_I_DEG),
+        checked_angles("theta_r_deg", theta_r_deg, -90.0, 90.0),
+        checked_angles("phi_r_deg", phi_r_deg, -360.0, 360.0),
     )
     theta_i, theta_r, phi_r = (np.deg2rad(angle.ravel()) for angle in angles)
     geometry = prepare_geometry(
@@ -191,7 +191,7 @@ def dhr(
     >>> print(dhr(green, [10.0, 80.0], "p").round(5))
     [0.02128 0.10927]
     """
-    angles = _checked("theta_i_deg", theta_i_deg, 0.0, MAX_THETA_I_DEG)
+    angles = checked_angles("theta_i_deg", theta_i_deg, 0.0, MAX_THETA_I_DEG)
     geometry = prepare_geometry(
         theta_i=_NO_ANGLES,
         theta_r=_NO_ANGLES,
@@ -284,7 +284,7 @@ def normalisation_error(
     >>> bool(normalisation_error(green, 60.0, rtol=1e-6) < 1e-6)
     True
     """
-    angles = _checked("theta_i_deg", theta_i_deg, 0.0, MAX_THETA_I_DEG)
+    angles = checked_angles("theta_i_deg", theta_i_deg, 0.0, MAX_THETA_I_DEG)
     digits = digits_of(rtol)
     surf = surface(parameters.n, parameters.k, parameters.sigma_n0, parameters.rho0)
     scratch = workspace()
@@ -327,12 +327,19 @@ def check_directions(
     DomainError
         Naming the angle, its value and what is allowed.
     """
-    _checked("theta_i_deg", theta_i_deg, 0.0, MAX_THETA_I_DEG)
-    _checked("theta_r_deg", theta_r_deg, -90.0, 90.0)
-    _checked("phi_r_deg", phi_r_deg, -360.0, 360.0)
+    checked_angles("theta_i_deg", theta_i_deg, 0.0, MAX_THETA_I_DEG)
+    checked_angles("theta_r_deg", theta_r_deg, -90.0, 90.0)
+    checked_angles("phi_r_deg", phi_r_deg, -360.0, 360.0)
 
 
-def _checked(name: str, values: ArrayLike, low: float, high: float) -> Array:
+def checked_angles(name: str, values: ArrayLike, low: float, high: float) -> Array:
+    """Angles [deg] as an array.
+
+    Raises
+    ------
+    DomainError
+        Where one is outside [low, high], or not a number; names the angle.
+    """
     array = np.asarray(values, dtype=np.float64)
     bad = array[~((array >= low) & (array <= high))]
     if bad.size:

@@ -19,15 +19,15 @@ PACKAGE = ROOT.name
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "physics"),
     ("config", "measurement", "results"),
-    ("effects",),
+    ("effects", "scenes"),
     ("model",),
-    ("scan_statistics", "simulate", "polarimetry", "reciprocity"),
+    ("scan_statistics", "simulate", "polarimetry", "reciprocity", "scene_prediction"),
     ("data_checks", "inference", "io", "report"),
     ("stages", "curves", "compile_ahead"),
     ("summary", "tree"),
     ("resume",),
     ("workflow",),
-    ("checking", "parameters_json", "prediction", "terminal", "bench", "validation"),
+    ("checking", "parameters_json", "prediction", "scene_files", "terminal", "bench", "validation"),
     ("cli",),
     ("__main__",),
 )
@@ -45,7 +45,7 @@ HOMES = {
     "xarray": {"io", "tree", "results"}, "numba": {"physics", "inference", "bench", "compile_ahead"},
     "llvmlite": {"physics.elementary"}, "fcntl": {"io.run_folder"}, "signal": {"cli"},
     "threadpoolctl": {"inference", "bench"}, "subprocess": {"compile_ahead"}, "pickle": set(), "arviz": set(),
-    "random": set(), "pathlib": {"io", "resume", "compile_ahead", "workflow", "checking", "parameters_json", "prediction", "cli", "bench", "validation", "physics.compiled"},
+    "random": set(), "pathlib": {"io", "resume", "compile_ahead", "workflow", "checking", "parameters_json", "prediction", "scene_files", "cli", "bench", "validation", "physics.compiled"},
     "os": {"io", "cli", "bench"}, "tempfile": {"io"}, "time": {"inference.choose_effects", "inference.ensembles", "io.checkpoint", "workflow", "bench", "validation"},
 }  # fmt: skip
 """What only these parts import, wherever it is imported at all."""

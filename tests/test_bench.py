@@ -22,6 +22,7 @@ BENCHMARKS = Path(__file__).parent / "benchmarks"
 KEYS = {
     "schema_version", "version", "created_utc", "quick", "machine", "seconds", "headline",
     "normalisation", "error_map", "posterior_shift", "ladder", "scaling", "samples", "options",
+    "scenes",
 }  # fmt: skip
 
 
@@ -57,6 +58,15 @@ def test_page_is_one_file_without_network_or_leftovers(folder: Path) -> None:
     assert not re.search(r'(src|href)="https?:', page)
     ids = re.findall(r' id="([^"]+)"', page)
     assert len(ids) == len(set(ids))
+
+
+def test_scenes_are_in_the_page(folder: Path, result: dict[str, Any]) -> None:
+    """Their work is counted in ``test_scene_prediction.py``; here only that they are measured."""
+    page = (folder / "index.html").read_text(encoding="utf-8")
+    assert result["scenes"][0]["ratio"] == 1.0
+    for row in result["scenes"]:
+        assert row["microseconds"] > 0.0
+        assert f"<th>{row['scene']}</th>" in page
 
 
 def test_error_follows_the_tolerance(result: dict[str, Any]) -> None:

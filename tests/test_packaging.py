@@ -16,6 +16,7 @@ import pytest
 import pbrdf_bayes as pb
 from pbrdf_bayes.cli import build_parser
 from pbrdf_bayes.inference.priors import PRESETS
+from pbrdf_bayes.io.scene_toml import scene_from_table
 
 ROOT = Path(__file__).parents[1]
 
@@ -168,8 +169,14 @@ def blocks(language):
     ]
 
 
+def block_with(language: str, words: str) -> str:
+    """The one block of the README in this language that holds these words."""
+    (found,) = [text for text in blocks(language) if words in text]
+    return found
+
+
 def test_readme_lists_every_key_of_the_configuration_with_its_default():
-    table = tomllib.loads(blocks("toml")[0])
+    table = tomllib.loads(block_with("toml", "noise = "))
     defaults = {field.name: getattr(pb.RunConfig(), field.name) for field in fields(pb.RunConfig)}
     shown = {
         key: tuple(value) if isinstance(value, list) else value for key, value in table.items()
@@ -178,13 +185,19 @@ def test_readme_lists_every_key_of_the_configuration_with_its_default():
 
 
 def test_readmes_examples_of_priors_are_accepted():
-    text = blocks("toml")[0]
+    text = block_with("toml", "noise = ")
     table = tomllib.loads(text.replace("# n = {", "n = {").replace("# rho0 = {", "rho0 = {"))
     measurement = pb.simulate_measurement(pb.GREEN_PAINT, seed=1, theta_i_deg=[20.0])
     posterior = pb.build_posterior(measurement, pb.RunConfig(priors=table["priors"]))
     described = {spec.name: spec.prior.describe() for spec in posterior.specs}
     assert described["n"] == "Normal(1.5, 0.05) on [1.3, 1.7]"
     assert described["rho0"].startswith("LogNormal(median 0.3, factor 2")
+
+
+def test_readmes_scene_is_accepted():
+    scene = scene_from_table(tomllib.loads(block_with("toml", "theta_r_deg = ")))
+    assert scene.n_directions == 2 * 35 * 37
+    assert scene.stokes_incident == "u"
 
 
 def test_readmes_csv_is_read_without_a_warning(tmp_path):

@@ -16,6 +16,7 @@ from pbrdf_bayes.bench.inference import inference_ladder, posterior_shift
 from pbrdf_bayes.bench.normalisation import error_map, work_precision
 from pbrdf_bayes.bench.page import render_page
 from pbrdf_bayes.bench.samples import measure_samples
+from pbrdf_bayes.bench.scenes import measure_scenes
 from pbrdf_bayes.bench.speed import measure_headline, measure_options, measure_scaling
 from pbrdf_bayes.bench.timing import describe_machine
 from pbrdf_bayes.io.run_folder import write_text
@@ -41,7 +42,7 @@ def run_bench(
     -------
     dict
         headline, normalisation, error_map, posterior_shift, ladder, scaling, samples, options,
-        machine and what was run when; the content of ``bench.json``.
+        scenes, machine and what was run when; the content of ``bench.json``.
     """
     started = perf_counter()
     machine = describe_machine()
@@ -54,6 +55,7 @@ def run_bench(
         "scaling": lambda: measure_scaling(quick=quick),
         "samples": lambda: measure_samples(quick=quick),
         "options": lambda: measure_options(quick=quick),
+        "scenes": lambda: measure_scenes(quick=quick),
     }
     found: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
@@ -130,6 +132,11 @@ def text_table(result: dict[str, Any]) -> str:
     lines += [
         f"  {row['option']:<52}{row['microseconds']:>8.1f}{row['ratio']:>8.2f}"
         for row in result["options"]
+    ]
+    lines += ["", f"  {'scenes, a draw':<52}{'us':>8}{'ratio':>8}"]
+    lines += [
+        f"  {row['scene']:<52}{row['microseconds']:>8.1f}{row['ratio']:>8.2f}"
+        for row in result["scenes"]
     ]
     samples = result["samples"]
     each = samples["seconds"][-1] / samples["sizes"][-1]

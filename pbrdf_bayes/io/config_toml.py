@@ -32,7 +32,7 @@ def read_config(path: Path | None, overrides: Mapping[str, Any]) -> RunConfig:
     ConfigError
         File missing or not TOML, unknown key, value not allowed; the message names file and key.
     """
-    table: dict[str, Any] = {} if path is None else _read_toml(path)
+    table: dict[str, Any] = {} if path is None else read_toml(path)
     check_keys(table, where=str(path))
     table |= {key: value for key, value in overrides.items() if value is not None}
     try:
@@ -77,7 +77,14 @@ def config_to_toml(config: RunConfig) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _read_toml(path: Path) -> dict[str, Any]:
+def read_toml(path: Path) -> dict[str, Any]:
+    """Content of a TOML file.
+
+    Raises
+    ------
+    ConfigError
+        File missing or not TOML.
+    """
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:

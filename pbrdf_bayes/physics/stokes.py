@@ -132,15 +132,34 @@ def mueller_matrix(f_s: Array, f_p: Array, phase: Array, frames: Frames) -> Arra
     ndarray, shape (..., 3, 3)
         [sr^-1].
     """
-    mean, half = 0.5 * (f_s + f_p), 0.5 * (f_s - f_p)
+    ca, sa = frames.cos_in, frames.sin_in
     cross = phase * np.sqrt(f_s) * np.sqrt(f_p)
-    ca, sa, cb, sb = frames.cos_in, frames.sin_in, frames.cos_out, frames.sin_out
-    rows = (
-        (mean, half * ca, -half * sa),
-        (cb * half, cb * mean * ca + sb * cross * sa, sb * cross * ca - cb * mean * sa),
-        (-sb * half, cb * cross * sa - sb * mean * ca, sb * mean * sa + cb * cross * ca),
+    columns = (
+        unpolarised_column(f_s, f_p, frames),
+        polarised_column(f_s, f_p, phase, frames),
+        _turned(-0.5 * (f_s - f_p) * sa, -0.5 * (f_s + f_p) * sa, cross * ca, frames),
     )
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    return np.stack([np.stack(column, axis=-1) for column in columns], axis=-1)
+
+
+def unpolarised_column(f_s: Array, f_p: Array, frames: Frames) -> tuple[Array, Array, Array]:
+    """First column of `mueller_matrix`: S0, S1, S2 of unpolarised light, which needs no phase."""
+    return _turned(0.5 * (f_s + f_p), 0.5 * (f_s - f_p), 0.0, frames)
+
+
+def polarised_column(
+    f_s: Array, f_p: Array, phase: Array, frames: Frames
+) -> tuple[Array, Array, Array]:
+    """Second column of `mueller_matrix`: what the excess of s over p adds to S0, S1, S2."""
+    ca, sa = frames.cos_in, frames.sin_in
+    cross = phase * np.sqrt(f_s) * np.sqrt(f_p)
+    return _turned(0.5 * (f_s - f_p) * ca, 0.5 * (f_s + f_p) * ca, cross * sa, frames)
+
+
+def _turned(s0: Array, s1: Array, s2: Array | float, frames: Frames) -> tuple[Array, Array, Array]:
+    """A Stokes vector in the frame of the facet as it is in that of the meridian plane."""
+    cb, sb = frames.cos_out, frames.sin_out
+    return s0, cb * s1 + sb * s2, cb * s2 - sb * s1
 
 
 def depolarise(matrix: Array, share: float) -> Array:

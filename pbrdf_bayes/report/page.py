@@ -55,15 +55,20 @@ def render_report(analysis: Analysis) -> str:
     str
         The page. The same analysis gives the same text, character by character.
     """
-    environment = Environment(
+    return environment().get_template("template.html.j2").render(_context(analysis))
+
+
+def environment() -> Environment:
+    """Where templates come from, and how what they place is escaped."""
+    found = Environment(
         loader=FunctionLoader(_template_text),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         finalize=_finalize,
     )
-    environment.filters["symbols"] = _with_symbols
-    return environment.get_template("template.html.j2").render(_context(analysis))
+    found.filters["symbols"] = _with_symbols
+    return found
 
 
 def _template_text(name: str) -> str:

@@ -1,0 +1,129 @@
+"""What was computed for a scene as a tidy CSV and as netCDF."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from pbrdf_bayes.scenes import SceneValues
+
+Array = NDArray[np.float64]
+
+COLUMNS = (
+    "quantity", "polarization", "theta_i_deg", "theta_r_deg", "phi_r_deg", "value", "q05", "q95",
+)  # fmt: skip
+_COMPONENTS = ("S0", "S1", "S2")
+_OVER_GRID = ("theta_i_deg", "theta_r_deg", "phi_r_deg", "quantile")
+
+
+def scene_csv(values: SceneValues) -> str:
+    """Tidy rows, one number each: brdf [sr^-1], dhr [1], S0, S1, S2 [sr^-1], dolp [1].
+
+    Parameters
+    ----------
+    values : SceneValues
+
+    Returns
+    -------
+    str
+        ``polarization`` is that of the illumination; ``value`` is the median of a run, ``q05`` and
+        ``q95`` are empty for given parameters. A DHR has no scattering direction. Where there is no
+        light the degree of polarisation is empty.
+    """
+    return "\n".join([",".join(COLUMNS), *_lines(values)]) + "\n"
+
+
+def _lines(values: SceneValues) -> Iterator[str]:
+    scene = values.scene
+    over_grid: list[tuple[str, str, Array]] = []
+    if values.brdf is not None:
+        over_grid += [
+            ("brdf", q, of_q) for q, of_q in zip(scene.polarizations, values.brdf, strict=True)
+        ]
+    if values.stokes is not None:
+        stokes = zip(_COMPONENTS, values.stokes, strict=True)
+        over_grid += [(name, scene.stokes_incident, part) for name, part in stokes]
+    if values.dolp is not None:
+        over_grid.append(("dolp", scene.stokes_incident, values.dolp))
+    directions = [
+        f"{i:.10g},{r:.10g},{phi:.10g}"
+        for i in scene.theta_i_deg for r in scene.theta_r_deg for phi in scene.phi_r_deg
+    ]  # fmt: skip
+    for quantity, q, array in over_grid:
+        rows = array.reshape(-1, len(values.quantiles)).tolist()
+        for at, row in zip(directions, rows, strict=True):
+            yield f"{quantity},{q},{at},{_numbers(row)}"
+    if values.dhr is not None:
+        for q, of_q in zip(scene.polarizations, values.dhr.tolist(), strict=True):
+            for theta_i, row in zip(scene.dhr_theta_i_deg, of_q, strict=True):
+                yield f"dhr,{q},{theta_i:.10g},,,{_numbers(row)}"
+
+
+def _numbers(row: list[float]) -> str:
+    """Median, 5 % and 95 %."""
+    low, middle, high = row if len(row) == 3 else (np.nan, row[0], np.nan)
+    return ",".join("" if np.isnan(x) else f"{x:.9g}" for x in (middle, low, high))
+
+
+def scene_dataset(values: SceneValues) -> xr.Dataset:
+    """The same numbers on their grids, with units.
+
+    Parameters
+    ----------
+    values : SceneValues
+
+    Returns
+    -------
+    xarray.Dataset
+        Variables ``brdf (polarization, theta_i_deg, theta_r_deg, phi_r_deg, quantile)``,
+        ``dhr (polarization, dhr_theta_i_deg, quantile)``, ``stokes (component, theta_i_deg,
+        theta_r_deg, phi_r_deg, quantile)`` and ``dolp (theta_i_deg, theta_r_deg, phi_r_deg,
+        quantile)``, those that were asked for.
+    """
+    scene = values.scene
+    found: dict[str, Any] = {}
+    if values.brdf is not None:
+        found["brdf"] = _variable(("polarization", *_OVER_GRID), values.brdf, "BRDF", "sr-1")
+    if values.dhr is not None:
+        over_angles = ("polarization", "dhr_theta_i_deg", "quantile")
+        name = "directional hemispherical reflectance"
+        found["dhr"] = _variable(over_angles, values.dhr, name, "1")
+    if values.stokes is not None:
+        name = "Stokes components of the scattered light per unit irradiance"
+        found["stokes"] = _variable(("component", *_OVER_GRID), values.stokes, name, "sr-1")
+    if values.dolp is not None:
+        found["dolp"] = _variable(_OVER_GRID, values.dolp, "degree of linear polarisation", "1")
+    angles = {
+        key: (key, np.array(getattr(scene, key)), {"units": "degree"})
+        for key in ("theta_i_deg", "theta_r_deg", "phi_r_deg", "dhr_theta_i_deg")
+    }
+    coordinates = {
+        **angles,
+        "polarization": np.array(scene.polarizations, dtype=object),
+        "component": np.array(_COMPONENTS, dtype=object),
+        "quantile": np.array(values.quantiles),
+    }
+    used = {axis for axes, *_ in found.values() for axis in axes}
+    return xr.Dataset(
+        found,
+        coords={name: value for name, value in coordinates.items() if name in used},
+        attrs={**values.source, **_choices(values)},
+    )
+
+
+def _variable(axes: tuple[str, ...], array: Array, name: str, unit: str) -> tuple[Any, ...]:
+    return axes, array, {"long_name": name, "units": unit}
+
+
+def _choices(values: SceneValues) -> dict[str, Any]:
+    """Choices of the scene that no axis shows."""
+    scene = values.scene
+    stokes = {
+        "stokes_incident": scene.stokes_incident, "phase": scene.phase,
+        "depolarisation": scene.depolarisation,
+    }  # fmt: skip
+    return {"instrument": int(scene.instrument), **(stokes if scene.stokes_incident else {})}

@@ -1,0 +1,87 @@
+"""The scene file: TOML in, nothing unknown passes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import floor
+from pathlib import Path
+from typing import Any
+
+from pbrdf_bayes.errors import ConfigError
+from pbrdf_bayes.io.config_toml import read_toml
+from pbrdf_bayes.scenes import ANGLES, Scene, check_scene_keys
+
+_MOST_ANGLES = 100_000
+
+
+def read_scene(path: Path) -> Scene:
+    """A scene from a TOML file.
+
+    Parameters
+    ----------
+    path : Path
+        Its keys are the fields of `Scene`. Angles [deg] are a list, one number, or the text
+        ``"LO:HI:STEP"``; words that make a list may be one word.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    ConfigError
+        File missing or not TOML, unknown key, value not allowed; the message names file and key.
+    """
+    table = read_toml(path)
+    try:
+        return scene_from_table(table)
+    except ConfigError as error:
+        msg = f"{path}: {error}"
+        raise ConfigError(msg) from None
+
+
+def scene_from_table(table: Mapping[str, Any]) -> Scene:
+    """A scene from plain values, as a TOML file has them.
+
+    Raises
+    ------
+    ConfigError
+
+    Examples
+    --------
+    >>> scene_from_table({"theta_i_deg": 20, "theta_r_deg": "-10:10:5"}).theta_r_deg
+    (-10.0, -5.0, 0.0, 5.0, 10.0)
+    """
+    check_scene_keys(table)
+    values = dict(table)
+    for key in ANGLES:
+        if key in values:
+            values[key] = _angles(key, values[key])
+    words = values.get("polarizations")
+    if words is not None:
+        values["polarizations"] = tuple(words) if isinstance(words, list) else (words,)
+    return Scene(**values)
+
+
+def _angles(key: str, value: Any) -> tuple[Any, ...]:
+    if isinstance(value, str):
+        return _grid(key, value)
+    if isinstance(value, list):
+        return tuple(float(x) if type(x) is int else x for x in value)
+    return _angles(key, [value])
+
+
+def _grid(key: str, text: str) -> tuple[float, ...]:
+    """Angles of ``LO:HI:STEP``, both ends included where the step meets them."""
+    try:
+        low, high, step = (float(part) for part in text.split(":"))
+        count = floor((high - low) / step + 1e-9)
+        if step <= 0.0 or not 0 <= count < _MOST_ANGLES:
+            raise ValueError
+    except (ValueError, ZeroDivisionError, OverflowError):
+        msg = (
+            f'{key} = {text!r} is not allowed: give degrees as a list, or as "LO:HI:STEP" with '
+            f'LO <= HI, STEP > 0 and fewer than {_MOST_ANGLES} angles, e.g. "-80:80:0.5"'
+        )
+        raise ConfigError(msg) from None
+    return tuple(round(min(low + step * i, high), 10) for i in range(count + 1))

@@ -1,0 +1,108 @@
+"""The scene of ``predict --scene``: TOML in, a folder with CSV, netCDF, page and pictures out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pbrdf_bayes.effects import Effects
+from pbrdf_bayes.errors import ConfigError, DomainError, RunFolderError
+from pbrdf_bayes.io.run_folder import load_analysis, locked, write_bytes, write_text
+from pbrdf_bayes.io.scene_arrays import scene_csv, scene_dataset
+from pbrdf_bayes.io.scene_toml import read_scene
+from pbrdf_bayes.model import Parameters
+from pbrdf_bayes.results import Analysis
+from pbrdf_bayes.scene_prediction import predict_scene
+from pbrdf_bayes.scenes import Scene, SceneValues
+
+CSV, NETCDF, PAGE = "scene.csv", "scene.nc", "scene.html"
+_PICTURES = "scene_*.svg"
+
+
+def write_scene(
+    scene_toml: Path,
+    out: Path | None,
+    *,
+    folder: Path | None,
+    parameters: Parameters | None,
+    effects: Effects | None,
+    rtol: float,
+) -> Path:
+    """Compute the scene of a TOML file and write it.
+
+    Parameters
+    ----------
+    scene_toml : Path
+        Its keys are the fields of `Scene`.
+    out : Path or None
+        Folder to write into: new, empty, or one that holds a scene, which is replaced.
+    folder : Path or None
+        A finished run: with bands from its posterior.
+    parameters : Parameters or None
+        Given parameters instead.
+    effects : Effects or None
+        Line shape and effects beside given parameters.
+    rtol : float
+        Tolerance of the normalisation where parameters are given.
+
+    Returns
+    -------
+    Path
+        ``out``.
+
+    Raises
+    ------
+    ConfigError
+        The message names file, key, value, what is allowed and what to do; nothing is written.
+    RunFolderError
+        ``folder`` is not a finished run, or ``out`` holds something else or cannot be written.
+    """
+    scene = read_scene(scene_toml)
+    if out is None:
+        msg = "--scene needs --out FOLDER: it writes CSV, netCDF and pictures there"
+        raise ConfigError(msg)
+    _refuse_other_content(out)
+    model = load_analysis(folder) if folder is not None else parameters
+    assert model is not None
+    values = _compute(model, scene, effects, rtol, scene_toml)
+    with locked(out):
+        _write(values, out)
+    return out
+
+
+def _compute(
+    model: Parameters | Analysis, scene: Scene, effects: Effects | None, rtol: float, path: Path
+) -> SceneValues:
+    try:
+        return predict_scene(model, scene, effects=effects, rtol=rtol)
+    except (ConfigError, DomainError) as error:
+        msg = f"{path}: {error}"
+        raise ConfigError(msg) from None
+
+
+def _refuse_other_content(out: Path) -> None:
+    if out.exists() and not out.is_dir():
+        msg = f"{out}: is a file; with --scene --out is a folder. Give another one"
+        raise RunFolderError(msg)
+    present = sorted(p.name for p in out.iterdir()) if out.is_dir() else []
+    visible = [name for name in present if not name.startswith(".")]
+    if visible and NETCDF not in visible:
+        msg = f"{out}: holds something else ({', '.join(visible[:3])}). Give another --out"
+        raise RunFolderError(msg)
+
+
+def _write(values: SceneValues, out: Path) -> None:
+    """Each file whole or not at all; pictures that an earlier scene left go."""
+    from pbrdf_bayes.report.figures_scene import scene_pictures  # loads the plots
+    from pbrdf_bayes.report.scene_page import render_scene, standalone_svg
+
+    pictures = scene_pictures(values)
+    # made in memory: where the disk is full, HDF5 ends the process
+    write_bytes(out / NETCDF, scene_dataset(values).to_netcdf(engine="h5netcdf"))
+    write_text(out / CSV, scene_csv(values))
+    write_text(out / PAGE, render_scene(values, pictures))
+    for picture in pictures:
+        write_text(out / f"{picture.name}.svg", standalone_svg(picture))
+    kept = {f"{picture.name}.svg" for picture in pictures}
+    for path in out.glob(_PICTURES):
+        if path.name not in kept:
+            path.unlink()
