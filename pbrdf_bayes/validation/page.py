@@ -67,8 +67,8 @@ def coverage_in_words(table: Sequence[Mapping[str, Any]]) -> str:
         if r["covered_mean"] < LEAST_COVERED or max(r["width_ratio"].values()) > WIDEST
     ]
     goal = (
-        f"the goal of {100 * LEAST_COVERED:.0f} % coverage of 90 % intervals, at most {WIDEST} times "
-        "as wide as with the error's covariance known"
+        f"the goal of {100 * LEAST_COVERED:.0f} % coverage of 90 % intervals, at most {WIDEST} "
+        "times as wide as with the error's covariance known"
     )
     kept = f"{len(rows) - len(short)} of {len(rows)} shapes of misfit keep {goal}"
     return f"{kept}. Not kept: {'; '.join(short)}." if short else f"{kept}."
