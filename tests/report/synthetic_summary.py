@@ -72,6 +72,7 @@ def summary_of(
         "holdout": _holdout_record(scans) if case.holdout else None,
         **({"leave_one_out": _leave_one_out(scans)} if scans else {}),
         "holdouts": _holdouts() if case.holdout else [],
+        "reciprocity": _reciprocity(scans),
         "timings": {"read": 0.12, "map": 1.9, "sampling": 12.4, "predictions": 1.1},
     }  # fmt: skip
 
@@ -87,6 +88,19 @@ def _leave_one_out(scans: list[dict[str, Any]]) -> dict[str, Any]:
         "k_hat_limit": 0.64, "n_influential": 1, "most_influential": [reading],
         "farthest": [reading], "pit": pit,
     }  # fmt: skip
+
+
+def _reciprocity(scans: list[dict[str, Any]]) -> dict[str, Any]:
+    """Ratios of a made-up h(a) / h(b), with a hole where nothing is reflected."""
+    angles = [10.0 * i for i in range(9)]
+    steepness = {"s": 0.01, "p": -0.02}
+    factors: dict[str, Any] = {
+        q: [[float(np.exp(c * (b - a))) for b in angles] for a in angles]
+        for q, c in steepness.items()
+    }
+    factors["p"][2][7] = None
+    largest = {"polarization": "p", "theta_a_deg": 80.0, "theta_b_deg": -20.0, "factor": 3.32}
+    return {"theta_deg": angles, "factors": factors, "largest": largest if scans else None}
 
 
 def _holdouts() -> list[dict[str, Any]]:
