@@ -22,6 +22,7 @@ from pbrdf_bayes.inference.power_scaling import PriorSensitivity
 from pbrdf_bayes.inference.reciprocity_size import ReciprocitySize
 from pbrdf_bayes.inference.residuals import Residuals
 from pbrdf_bayes.inference.sampling import Draws
+from pbrdf_bayes.inference.scan_widths import ScanWidths
 from pbrdf_bayes.inference.verdicts import Diagnostic
 
 Array = NDArray[np.float64]
@@ -54,4 +55,5 @@ class Stages:
     timings: Mapping[str, float]
     applicability: Applicability
     reciprocity: ReciprocitySize | None
+    widths: ScanWidths
     effects_choice: EffectsChoice | None = None

@@ -44,6 +44,7 @@ from pbrdf_bayes.inference.residuals import (
     white_noise_dex,
 )
 from pbrdf_bayes.inference.sampling import Draws, Progress, sample_posterior
+from pbrdf_bayes.inference.scan_widths import measure_widths
 from pbrdf_bayes.io import run_folder
 from pbrdf_bayes.io.checkpoint import Checkpoints, open_checkpoints, remove_checkpoints
 from pbrdf_bayes.io.config_toml import config_from_table, config_to_toml
@@ -171,6 +172,7 @@ def _fit_posterior(
         curves = predict_curves(posterior, picked, optima.best.x, rng)
         dhr_curves = predict_dhr(posterior, picked, optima.best.x, rng)
         scales = scan_scales(posterior, picked, rng)
+        widths = measure_widths(posterior, picked, optima.best.x)
         reciprocity = measure_reciprocity(posterior, optima.best.x)
         covered = count_covered(posterior, picked, optima.best.x, scales, rng)
     with clock.stage("leave one out"):
@@ -204,6 +206,7 @@ def _fit_posterior(
         normalisation_error=_normalisation_error(posterior, optima.best.x),
         microseconds=time_likelihood(posterior, optima.best.x), timings=clock.timings,
         effects_choice=choice, applicability=applicability, reciprocity=reciprocity,
+        widths=widths,
     )  # fmt: skip
     return Analysis(
         summary=summarise(stages), draws=build_tree(stages), config_toml=config_to_toml(config)

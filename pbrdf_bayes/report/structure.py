@@ -1,4 +1,4 @@
-"""What the form of the model itself says: reciprocity."""
+"""What the form of the model itself says: widths of the lobes, and reciprocity."""
 
 from __future__ import annotations
 
@@ -6,11 +6,41 @@ from collections.abc import Mapping
 from math import log
 from typing import Any
 
-from pbrdf_bayes.report.numbers import MISSING, degrees, finite, fixed, number
+from pbrdf_bayes.report.numbers import MISSING, degrees, finite, fixed, number, rounded
 from pbrdf_bayes.report.tables import DIAGONAL, background
 
 Record = Mapping[str, Any]
 _FULL = log(4.0)
+
+
+def widths_text(summary: Record) -> str:
+    """How widths of single scans compare with Eq. (5); nothing without scans."""
+    scans = summary.get("scan_widths")
+    if not scans:
+        return ""
+    known = [s for s in scans if finite(s["rho"]) is not None]
+    words = (
+        "Each scan with the ρ_0 and the scale that fit it best, all other parameters held at the "
+        "MAP. "
+    )
+    if "narrowing" in summary["effects"]:
+        words += "Eq. (5) is meant with the exponent g of the fit. "
+    if not known:
+        return f"{words}No scan has a width inside the model's domain."
+    away = [abs(s["rho"] - s["rho_model"]) / s["u_rho"] for s in known]
+    farthest = known[away.index(max(away))]
+    ratio = rounded(
+        farthest["rho"] / farthest["rho_model"], farthest["u_rho"] / farthest["rho_model"]
+    )
+    missing = len(scans) - len(known)
+    return (
+        f"{words}{sum(a <= 2.0 for a in away)} of {len(known)} widths lie within two standard "
+        f"errors of Eq. (5); the farthest is that of scan {farthest['label']}, {ratio.value} ± "
+        f"{ratio.uncertainty} times Eq. (5)"
+        + (f"; without a width inside the model's domain: {missing}" * bool(missing))
+        + ". Points that turn away from the curve towards grazing say that the lobes of this "
+        "sample narrow otherwise than Eq. (5) has it."
+    )
 
 
 def reciprocity_rows(summary: Record) -> list[tuple[str, list[tuple[str, str]]]]:
