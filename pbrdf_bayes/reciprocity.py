@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pbrdf_bayes.effects import Effects
 from pbrdf_bayes.errors import ConvergenceError, DomainError
 from pbrdf_bayes.model import Parameters, brdf, check_directions, digits_of
 from pbrdf_bayes.physics.directions import prepare_directions
@@ -25,20 +26,25 @@ _SPARE = 0.1
 
 
 def reciprocity_defect(
-    parameters: Parameters, theta_a_deg: ArrayLike, theta_b_deg: ArrayLike, *, rtol: float = 1e-8
-) -> Array:
+    parameters: Parameters, theta_a_deg: ArrayLike, theta_b_deg: ArrayLike, *,
+    effects: Effects | None = None, rtol: float = 1e-8,
+) -> Array:  # fmt: skip
     """f(a -> b) / f(b -> a) in plane for s and p with the normalisation of Eq. (4).
 
-    1 is reciprocal. A_q and B_q' of Eq. (3) are symmetric in the two directions, so that the ratio
-    is that of DHR_q / I_q at the two angles, I_q the integral in (4); the paper says that the model
-    is reciprocal.
+    1 is reciprocal. A_q and B_q' of Eq. (3) are symmetric in the two directions, so that without
+    effects the ratio is that of DHR_q / I_q at the two angles, I_q the integral in (4); the paper
+    says that the model is reciprocal.
 
     Parameters
     ----------
     parameters : Parameters
-    theta_a_deg, theta_b_deg : array_like
-        Angles in the plane of incidence, forward side, [0, 89.95] [deg]. A column of angles and
-        the same in a row give the whole table.
+    theta_a_deg : array_like
+        Angles in the plane of incidence, [0, 89.95] [deg].
+    theta_b_deg : array_like
+        Angles on the forward side of a, [0, 89.95], or on its own side, [-89.95, 0] [deg]. A column
+        of angles and the same in a row give the whole table. Without effects the side is all one.
+    effects : Effects, optional
+        Line shape and effects; none by default.
     rtol : float
         Relative tolerance of the normalisation, as in `brdf`.
 
@@ -59,11 +65,12 @@ def reciprocity_defect(
     [[1.  1.2]
      [1.  5.7]]
     """
-    check_directions(theta_i_deg=theta_b_deg)
+    a, b = np.asarray(theta_a_deg, np.float64), np.asarray(theta_b_deg, np.float64)
+    check_directions(theta_i_deg=np.abs(b))
     pairs = []
     for q in "sp":
-        there = brdf(parameters, theta_a_deg, theta_b_deg, q, rtol=rtol)
-        back = brdf(parameters, theta_b_deg, theta_a_deg, q, rtol=rtol)
+        there = brdf(parameters, a, b, q, effects=effects, rtol=rtol)
+        back = brdf(parameters, np.abs(b), np.copysign(a, b), q, effects=effects, rtol=rtol)
         pairs.append(there / np.where(back > 0.0, back, np.nan))
     return np.stack(pairs)
 

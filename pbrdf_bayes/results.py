@@ -31,6 +31,10 @@ The run folder holds exactly these three, so a report made from disk equals one 
 ``dhr_curves``
     ``model_band, predictive_band (polarization, theta_i_deg, quantile)``,
     ``map (polarization, theta_i_deg)`` [1].
+``widths``
+    Width of the lobes at the specular direction, Eq. (5): ``model_band (polarization, theta_i_deg,
+    quantile)``, ``map (polarization, theta_i_deg)``, in direction cosine [1]; those of single scans
+    are in the summary.
 ``holdout`` (where it was done)
     Over ``holdout_obs``: ``scan`` (label), ``theta_r_deg``, ``value`` [sr^-1] and
     ``predictive_band (holdout_obs, quantile)``.

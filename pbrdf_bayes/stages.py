@@ -19,8 +19,10 @@ from pbrdf_bayes.inference.leave_one_out import LeaveOneOut
 from pbrdf_bayes.inference.map_fit import MapResult
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.power_scaling import PriorSensitivity
+from pbrdf_bayes.inference.reciprocity_size import ReciprocitySize
 from pbrdf_bayes.inference.residuals import Residuals
 from pbrdf_bayes.inference.sampling import Draws
+from pbrdf_bayes.inference.scan_widths import ScanWidths
 from pbrdf_bayes.inference.verdicts import Diagnostic
 
 Array = NDArray[np.float64]
@@ -52,4 +54,6 @@ class Stages:
     microseconds: float
     timings: Mapping[str, float]
     applicability: Applicability
+    reciprocity: ReciprocitySize | None
+    widths: ScanWidths
     effects_choice: EffectsChoice | None = None

@@ -68,6 +68,8 @@ def summarise(s: Stages) -> dict[str, Any]:
         "holdout": _holdout(s.holdout),
         "holdouts": _holdouts(s),
         "leave_one_out": _leave_one_out(s.leave_one_out),
+        "scan_widths": [asdict(scan) for scan in s.widths.scans],
+        "reciprocity": None if s.reciprocity is None else asdict(s.reciprocity),
         "timings": dict(s.timings),
     }
 

@@ -15,6 +15,7 @@ from pbrdf_bayes.inference.bands import (
     scan_scales,
     targets_at,
 )
+from pbrdf_bayes.inference.scan_widths import ScanWidths
 from pbrdf_bayes.measurement import Measurement, measurement_from_columns
 from pbrdf_bayes.results import QUANTILES, Analysis
 from pbrdf_bayes.stages import Stages
@@ -52,6 +53,7 @@ def build_tree(s: Stages) -> xr.DataTree:
         "leave_one_out": _leave_one_out(s),
         "curves": _curves(s),
         "dhr_curves": _dhr_curves(s),
+        "widths": _widths(s.widths),
     }  # fmt: skip
     if s.holdout is not None:
         groups["holdout"] = xr.Dataset(
@@ -180,6 +182,18 @@ def _dhr_curves(s: Stages) -> xr.Dataset:
         coords={
             "polarization": np.array(words, dtype=object),
             "theta_i_deg": targets.theta_i_deg.reshape(shape)[0],
+            "quantile": np.array(QUANTILES),
+        },
+    )
+
+
+def _widths(found: ScanWidths) -> xr.Dataset:
+    dims = ("polarization", "theta_i_deg")
+    return xr.Dataset(
+        {"model_band": ((*dims, "quantile"), found.band), "map": (dims, found.at_map)},
+        coords={
+            "polarization": np.array(found.polarizations, dtype=object),
+            "theta_i_deg": found.theta_i_deg,
             "quantile": np.array(QUANTILES),
         },
     )

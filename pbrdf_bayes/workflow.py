@@ -38,6 +38,7 @@ from pbrdf_bayes.inference.leave_one_out import leave_each_out
 from pbrdf_bayes.inference.map_fit import MapResult, find_map
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
 from pbrdf_bayes.inference.power_scaling import measure_sensitivity
+from pbrdf_bayes.inference.reciprocity_size import measure_reciprocity
 from pbrdf_bayes.inference.residuals import (
     calibrated_residuals,
     compute_residuals,
@@ -45,6 +46,7 @@ from pbrdf_bayes.inference.residuals import (
     white_noise_dex,
 )
 from pbrdf_bayes.inference.sampling import Draws, Progress, sample_posterior
+from pbrdf_bayes.inference.scan_widths import measure_widths
 from pbrdf_bayes.io import run_folder
 from pbrdf_bayes.io.checkpoint import Checkpoints, open_checkpoints, remove_checkpoints
 from pbrdf_bayes.io.config_toml import config_from_table, config_to_toml
@@ -174,6 +176,8 @@ def _fit_posterior(
         curves = predict_curves(posterior, picked, optima.best.x, rng)
         dhr_curves = predict_dhr(posterior, picked, optima.best.x, rng)
         scales = scan_scales(posterior, picked, rng)
+        widths = measure_widths(posterior, picked, optima.best.x)
+        reciprocity = measure_reciprocity(posterior, optima.best.x)
         covered = count_covered(posterior, picked, optima.best.x, scales, rng)
     with clock.stage("leave one out"):
         leave_one_out = leave_each_out(posterior, draws.flat, seed=seed)
@@ -206,7 +210,8 @@ def _fit_posterior(
         holdout=holdout, holdouts=holdouts, scales=scales, discrepancy=discrepancy,
         normalisation_error=_normalisation_error(posterior, optima.best.x),
         microseconds=time_likelihood(posterior, optima.best.x), timings=clock.timings,
-        effects_choice=choice, applicability=applicability,
+        effects_choice=choice, applicability=applicability, reciprocity=reciprocity,
+        widths=widths,
     )  # fmt: skip
     return Analysis(
         summary=summarise(stages), draws=build_tree(stages), config_toml=config_to_toml(config)

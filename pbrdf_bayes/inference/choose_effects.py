@@ -23,6 +23,7 @@ from scipy.stats import t as student_t
 from threadpoolctl import threadpool_limits
 
 from pbrdf_bayes.config import AUTO, SAMPLE_EFFECTS, RunConfig
+from pbrdf_bayes.errors import DataError
 from pbrdf_bayes.inference.holdout import draft_of
 from pbrdf_bayes.inference.holdout_cases import Case, list_cases
 from pbrdf_bayes.inference.map_fit import climb, coordinate_bounds, find_map
@@ -138,6 +139,70 @@ def choose_effects(
     return chosen.config, EffectsChoice(tuple(scored), names, _statement(chosen, tried[0], config))
 
 
+def compare_configs(
+    measurement: Measurement, configs: Sequence[RunConfig], *, seed: int,
+    cases: Sequence[Case] | None = None,
+) -> tuple[tuple[Scored, bool], ...]:  # fmt: skip
+    """Score given configurations by what they predict of readings left out.
+
+    Those with the same parameters also start from each other's optimum: a weak lobe beside diffuse
+    scatter can be lost from the few starts of a comparison, and the others tell where it is.
+
+    Parameters
+    ----------
+    measurement : Measurement
+    configs : sequence of RunConfig
+        With their effects named.
+    seed : int
+        Of the starts of the optimiser.
+    cases : sequence of Case, optional
+        What is left out; every angle of incidence and polarisation by default.
+
+    Returns
+    -------
+    tuple of (Scored, bool)
+        In the order given; with each whether the best of them beats it, as for `choose_effects`.
+
+    Raises
+    ------
+    DataError
+        Where nothing can be left out.
+    """
+    cases = list_cases(measurement) if cases is None else cases
+    if not cases:
+        msg = "one angle of incidence and one polarisation: nothing can be left out and predicted"
+        raise DataError(msg)
+    starts = _shared_optima(measurement, configs, seed)
+    tried = [
+        _try(measurement, config, cases, seed, start)
+        for config, start in zip(configs, starts, strict=True)
+    ]
+    best = min(tried, key=lambda t: t.score)
+    return tuple(
+        (_score(t, best, chosen=t is best), t is not best and _is_better(best, t)) for t in tried
+    )
+
+
+def _shared_optima(
+    measurement: Measurement, configs: Sequence[RunConfig], seed: int
+) -> list[Array]:
+    """Optimum of each configuration; those of the others with the same parameters are starts."""
+    wholes = [build_posterior(measurement, _quick(measurement, config)) for config in configs]
+    found = [find_map(whole, n_starts=_N_STARTS, seed=seed).best.x for whole in wholes]
+    optima = []
+    for whole in wholes:
+        low, high = coordinate_bounds(whole)
+        same = [
+            x
+            for x, other in zip(found, wholes, strict=True)
+            if other.parameter_names == whole.parameter_names
+        ]
+        tops = [climb(whole, z, low, high)[0] for z in whole.to_coordinates(np.array(same))]
+        x = whole.from_coordinates(np.array(tops))
+        optima.append(x[int(np.argmax(whole.log_prob(x)))])
+    return optima
+
+
 def as_chosen(
     measurement: Measurement, config: RunConfig, *, effects: tuple[str, ...], line_shape: str
 ) -> RunConfig:
@@ -183,11 +248,14 @@ def _grown(config: RunConfig) -> Iterator[RunConfig]:
         yield replace(config, line_shape="cauchy")
 
 
-def _try(measurement: Measurement, config: RunConfig, cases: Sequence[Case], seed: int) -> _Tried:
-    """Fit all readings, then each case from there."""
+def _try(
+    measurement: Measurement, config: RunConfig, cases: Sequence[Case], seed: int,
+    optimum: Array | None = None,
+) -> _Tried:  # fmt: skip
+    """Fit all readings if that is not done yet, then each case from there."""
     quick = _quick(measurement, config)
     whole = build_posterior(measurement, quick)
-    best = find_map(whole, n_starts=_N_STARTS, seed=seed).best.x
+    best = find_map(whole, n_starts=_N_STARTS, seed=seed).best.x if optimum is None else optimum
 
     def left_out(case: Case) -> float:
         return _log_rms(whole, best, case)

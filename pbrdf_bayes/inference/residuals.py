@@ -143,6 +143,17 @@ def _statistics(posterior: Posterior, dex: Array, weight: Array) -> Residuals:
     )
 
 
+def lag1_of(values: Array, weight: Array) -> float:
+    """Weighted correlation of neighbours about zero [1]; NaN without neighbours.
+
+    Parameters
+    ----------
+    values, weight : ndarray, shape (n,)
+        Residuals in the order of the scan, and their weights.
+    """
+    return _ratio(*_neighbours(values, weight))
+
+
 def white_noise_dex(posterior: Posterior) -> float:
     """Median over scans of the noise that second differences along theta_r show [dex].
 

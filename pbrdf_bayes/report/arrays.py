@@ -177,6 +177,56 @@ def places_of(analysis: Analysis) -> list[ScanPlaces]:
     return found
 
 
+@dataclass(frozen=True, eq=False)
+class WidthCurve:
+    """Width of the lobes by Eq. (5) for one polarisation [1]; bands (n_theta, n_quantile)."""
+
+    polarization: str
+    theta_i_deg: Array
+    model_band: Array
+    map: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ScanWidthPoints:
+    """Widths of the scans of one polarisation, standard errors, and Eq. (5) there [1]."""
+
+    polarization: str
+    theta_i_deg: Array
+    width: Array
+    u_width: Array
+    model: Array
+
+
+def width_curves_of(analysis: Analysis) -> list[WidthCurve]:
+    """Eq. (5) by polarisation; none in a run without widths."""
+    get = _group(analysis, "widths")
+    return [
+        WidthCurve(
+            polarization=p,
+            theta_i_deg=np.asarray(get("theta_i_deg"), dtype=np.float64),
+            model_band=_five(get("model_band")[i]),
+            map=np.asarray(get("map")[i], dtype=np.float64),
+        )
+        for i, p in enumerate(_words(get("polarization")))
+    ]
+
+
+def scan_widths_of(analysis: Analysis) -> list[ScanWidthPoints]:
+    """Widths of single scans by polarisation, in the order s, p, u."""
+    scans = analysis.summary.get("scan_widths") or []
+    names = ("theta_i_deg", "rho", "u_rho", "rho_model")
+    return [
+        ScanWidthPoints(p, *np.array([[_number(s[n]) for n in names] for s in found]).T)
+        for p in ("s", "p", "u")
+        if (found := [s for s in scans if s["polarization"] == p])
+    ]
+
+
+def _number(value: Any) -> float:
+    return float("nan") if value is None else float(value)
+
+
 def held_out_of(analysis: Analysis) -> tuple[list[Curve], list[ScanPoints]]:
     """Return the scans that were left out and the predictive bands made without them.
 

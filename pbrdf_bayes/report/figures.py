@@ -15,7 +15,9 @@ from pbrdf_bayes.report.arrays import (
     ensembles_of,
     held_out_of,
     places_of,
+    scan_widths_of,
     scans_of,
+    width_curves_of,
 )
 from pbrdf_bayes.report.figures_brdf import MOST_POINTS, key_picture, plane_pictures
 from pbrdf_bayes.report.figures_dhr import dhr_pictures
@@ -30,6 +32,7 @@ from pbrdf_bayes.report.figures_planes import (
 )
 from pbrdf_bayes.report.figures_posterior import Sample, chain_pictures, corner_picture
 from pbrdf_bayes.report.figures_residuals import residual_pictures, worst_scans
+from pbrdf_bayes.report.figures_widths import width_pictures
 from pbrdf_bayes.report.numbers import count, finite, number
 from pbrdf_bayes.report.svg import figure_style
 from pbrdf_bayes.results import Analysis
@@ -47,6 +50,7 @@ class Figures:
     residuals: list[Picture]
     places: Picture | None
     held_out: list[Picture]
+    widths: list[Picture]
     corner: Picture | None
     chains: list[Picture]
     remarks: dict[str, str] = field(default_factory=dict)
@@ -89,6 +93,7 @@ def _draw(analysis: Analysis) -> Figures:
             what="Held-out BRDF",
             note=held_out_note,
         ),
+        widths=width_pictures(width_curves_of(analysis), scan_widths_of(analysis)),
         corner=corner_picture(physical) if physical else None,
         chains=chain_pictures(samples, ensembles_of(analysis)),
         remarks=_remarks(len(planes), len(scans), max((s.value.size for s in scans), default=0)),

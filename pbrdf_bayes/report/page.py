@@ -9,7 +9,7 @@ from typing import Any
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from pbrdf_bayes.report import tables, texts
+from pbrdf_bayes.report import structure, tables, texts
 from pbrdf_bayes.report.arrays import draws_of
 from pbrdf_bayes.report.figures import Figures, draw_figures
 from pbrdf_bayes.report.numbers import count
@@ -24,6 +24,7 @@ TITLES = {
     "residuals": "Residuals",
     "leave_one_out": "Each reading against all others",
     "holdout": "Hold-out prediction",
+    "structure": "Lobe widths and reciprocity",
     "posterior": "Posterior and sampling",
     "diagnostics": "Diagnostics",
     "data": "Data",
@@ -120,6 +121,9 @@ def _context(analysis: Analysis) -> dict[str, Any]:
         "cases": tables.case_rows(summary),
         "loo_text": texts.leave_one_out_text(summary),
         "readings": tables.reading_rows(summary),
+        "widths_text": structure.widths_text(summary),
+        "reciprocity_text": structure.reciprocity_text(summary),
+        "reciprocity": structure.reciprocity_rows(summary),
         "sensitivity": any("prior_sensitivity" in p for p in summary["parameters"].values()),
         "optima": _optima(analysis),
         "scans": tables.scan_rows(summary),
@@ -164,6 +168,7 @@ def _contents(analysis: Analysis, figures: Figures) -> dict[str, Any]:
         "leave_one_out": not analysis.summary.get("leave_one_out"),
         "holdout": not (analysis.summary["holdout"] or analysis.summary.get("holdouts")),
     }
+    absent["structure"] = not {"reciprocity", "scan_widths"} & set(analysis.summary)
     sections = [name for name in TITLES if not absent.get(name, False)]
     numbers = {name: number for number, name in enumerate(sections, start=1)}
     first = next((n for n in ("measured", "between", "dhr") if n in sections), "")

@@ -255,10 +255,15 @@ def _cell(value: Any) -> tuple[str, str]:
     r = finite(value)
     if r is None:
         return MISSING, DIAGONAL[1]
-    full = (0, 103, 165) if r > 0 else (194, 77, 0)
-    weight = 0.66 * min(abs(r), 1.0) ** 1.2
+    return fixed(r, 2), background(r)
+
+
+def background(strength: float) -> str:
+    """Colour of a cell: blue for positive, orange for negative, full at 1 and beyond."""
+    full = (0, 103, 165) if strength > 0 else (194, 77, 0)
+    weight = 0.66 * min(abs(strength), 1.0) ** 1.2
     mixed = [round(255 + (c - 255) * weight) for c in full]
-    return fixed(r, 2), f"rgb({mixed[0]},{mixed[1]},{mixed[2]})"
+    return f"rgb({mixed[0]},{mixed[1]},{mixed[2]})"
 
 
 def scan_rows(summary: Record) -> list[tuple[str, ...]]:

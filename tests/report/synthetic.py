@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.results import QUANTILES, Analysis
 from tests.report.synthetic_cases import CASES, CENTRES, PHYSICAL, Case
-from tests.report.synthetic_summary import config_toml, summary_of
+from tests.report.synthetic_summary import config_toml, eq5, summary_of
 
 Array = NDArray[np.float64]
 Z90, Z50 = 1.6448536, 0.6744898
@@ -35,6 +35,7 @@ def analysis(name: str = "demo", *, seed: int = 7) -> Analysis:
         "constant_data": data["constant"],
         "curves": _curves(case),
         "dhr_curves": _dhr_curves(case),
+        "widths": _widths(case),
     }
     if case.holdout:
         groups["holdout"] = _holdout(data)
@@ -220,6 +221,20 @@ def _dhr_curves(case: Case) -> xr.Dataset:
         },
         coords={"quantile": list(QUANTILES), "theta_i_deg": theta_i, "polarization": pol},
     )
+
+
+def _widths(case: Case) -> xr.Dataset:
+    theta_i = np.arange(0.0, 86.0, 1.0)
+    pol = list(case.polarizations) if case.theta_i_deg else []
+    curve = np.array([eq5(p, theta_i) for p in pol]).reshape(len(pol), theta_i.size)
+    dims = ("polarization", "theta_i_deg", "quantile")
+    return xr.Dataset(
+        {"model_band": (dims, _bands(curve, 0.002, 0.0)[0]), "map": (dims[:2], curve)},
+        coords={
+            "quantile": list(QUANTILES), "theta_i_deg": theta_i,
+            "polarization": np.array(pol, dtype=np.str_),
+        },
+    )  # fmt: skip
 
 
 def _holdout(data: dict[str, Any]) -> xr.Dataset:

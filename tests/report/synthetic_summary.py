@@ -72,6 +72,8 @@ def summary_of(
         "holdout": _holdout_record(scans) if case.holdout else None,
         **({"leave_one_out": _leave_one_out(scans)} if scans else {}),
         "holdouts": _holdouts() if case.holdout else [],
+        "scan_widths": _scan_widths(case, scans),
+        "reciprocity": _reciprocity(scans),
         "timings": {"read": 0.12, "map": 1.9, "sampling": 12.4, "predictions": 1.1},
     }  # fmt: skip
 
@@ -87,6 +89,45 @@ def _leave_one_out(scans: list[dict[str, Any]]) -> dict[str, Any]:
         "k_hat_limit": 0.64, "n_influential": 1, "most_influential": [reading],
         "farthest": [reading], "pit": pit,
     }  # fmt: skip
+
+
+def eq5(p: str, theta_i_deg: Any) -> Any:
+    """A made-up narrowing of the lobes."""
+    grazing = 1.0 - np.cos(np.radians(theta_i_deg))
+    return 0.47 * (1.0 - {"s": 0.6, "p": 0.2, "u": 0.4}[p] * grazing)
+
+
+def _scan_widths(case: Case, scans: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    found = []
+    for i, s in enumerate(scans):
+        model, away = (
+            float(eq5(s["polarization"], s["theta_i_deg"])),
+            1.0 + 0.01 * (i % 3 + (i == 2)),
+        )
+        record = {
+            "rho0": 0.47 * away, "u_rho0": 0.004, "rho": model * away, "u_rho": 0.008 * model,
+            "scale": 1.02, "lag1": 0.1,
+        }  # fmt: skip
+        if case.broken_values:
+            record = dict.fromkeys(record)
+        found.append({
+            "label": s["label"], "polarization": s["polarization"], "n": s["n"],
+            "theta_i_deg": s["theta_i_deg"], "rho_model": model, **record,
+        })  # fmt: skip
+    return found
+
+
+def _reciprocity(scans: list[dict[str, Any]]) -> dict[str, Any]:
+    """Ratios of a made-up h(a) / h(b), with a hole where nothing is reflected."""
+    angles = [10.0 * i for i in range(9)]
+    steepness = {"s": 0.01, "p": -0.02}
+    factors: dict[str, Any] = {
+        q: [[float(np.exp(c * (b - a))) for b in angles] for a in angles]
+        for q, c in steepness.items()
+    }
+    factors["p"][2][7] = None
+    largest = {"polarization": "p", "theta_a_deg": 80.0, "theta_b_deg": -20.0, "factor": 3.32}
+    return {"theta_deg": angles, "factors": factors, "largest": largest if scans else None}
 
 
 def _holdouts() -> list[dict[str, Any]]:
