@@ -92,20 +92,22 @@ def test_the_factor_of_each_scan_is_told() -> None:
     assert all(s["u_scale"] == 0.0 for s in pb.fit(m, exact, seed=1).summary["input"]["scans"])
 
 
-def bent(theta_r_offset_deg: float) -> Measurement:
-    """Readings of a goniometer whose zero of theta_r is off."""
+def bent(size: float) -> Measurement:
+    """All scans off by the same smooth error along theta_r."""
     m = simulated()
-    return replace(m, brdf=replace(m.brdf, theta_r_deg=m.brdf.theta_r_deg + theta_r_offset_deg))
+    error = size * np.sin(np.deg2rad(3.0 * m.brdf.theta_r_deg))
+    return replace(m, brdf=replace(m.brdf, value=m.brdf.value * np.exp(error)))
 
 
-def brighter_dhr(factor: float) -> Measurement:
+def wrong_dhr() -> Measurement:
+    """DHR readings of another paint."""
     m = simulated()
-    return replace(m, dhr=replace(m.dhr, value=m.dhr.value * factor))
+    return replace(m, dhr=replace(m.dhr, value=m.dhr.value[::-1].copy()))
 
 
 BAD: dict[str, tuple[Measurement, str, str]] = {
-    "zero of theta_r off by 0.5 deg": (bent(0.5), "common_misfit", "scans share"),
-    "DHR 30 % too large": (brighter_dhr(1.3), "dhr_misfit", "contradict"),
+    "one error common to all scans": (bent(0.06), "common_misfit", "share"),
+    "DHR that does not go with the BRDF": (wrong_dhr(), "dhr_misfit", "contradict"),
 }
 
 
