@@ -321,13 +321,13 @@ def fit_file(
         summary = finished_summary(folder, as_finished(posterior, config, folder), seed)
         if not can_walk_on(folder, summary, config):
             return FitRun(folder, summary["status"], summary["verdict"])
-    config, choice = _chosen_effects(measurement, config, seed, clock)
-    posterior = build_posterior(measurement, config)
-    missing = likelihood_to_compile(posterior)
-    if missing is not None:
-        with clock.stage("compile"):
-            compile_ahead(missing)
     with run_folder.locked(folder):
+        config, choice = _chosen_effects(measurement, config, seed, clock)
+        posterior = build_posterior(measurement, config)
+        missing = likelihood_to_compile(posterior)
+        if missing is not None:
+            with clock.stage("compile"):
+                compile_ahead(missing)
         checkpoints = open_checkpoints(folder, run_identity(posterior, seed))
         with going_on(checkpoints):
             analysis = _fit_posterior(posterior, checks, seed, clock, checkpoints, choice)

@@ -38,6 +38,8 @@ LEAST_GAIN = 0.02
 TYPICAL_N = 1.5
 """Where n is held while effects are compared on data without contrast of s and p."""
 _N_STARTS = 4
+_ADDED_AT = 0.2
+"""Quantile of its prior at which the parameter of an added effect starts."""
 _AT_BOUND = 1e-3
 _CHANCE = 0.05
 
@@ -92,6 +94,8 @@ class EffectsChoice:
 @dataclass(frozen=True, eq=False)
 class _Tried:
     config: RunConfig
+    names: tuple[str, ...]
+    optimum: Array
     n_free: int
     rms_dex: float
     log_rms: Array
@@ -230,12 +234,29 @@ def _grow(
         grown = []
         for larger in _grown(best.config):
             told(_name(larger))
-            grown.append(_try(measurement, larger, cases, seed))
+            start = _begun_from(measurement, larger, best, seed)
+            grown.append(_try(measurement, larger, cases, seed, start))
         tried += grown
         next_best = min(grown, key=lambda t: t.score, default=best)
         if not _is_better(next_best, best):
             return tried
         best = next_best
+
+
+def _begun_from(measurement: Measurement, config: RunConfig, smaller: _Tried, seed: int) -> Array:
+    """Optimum of a candidate from the few starts, or from that of the one it grows from.
+
+    A weak lobe beside diffuse scatter can be lost from the few starts.
+    """
+    whole = build_posterior(measurement, _quick(measurement, config))
+    best = find_map(whole, n_starts=_N_STARTS, seed=seed).best.x
+    known = dict(zip(smaller.names, smaller.optimum.tolist(), strict=True))
+    start = whole.prior_quantile(np.full((1, whole.n_par), _ADDED_AT))
+    for i, name in enumerate(whole.parameter_names):
+        start[0, i] = known.get(name, start[0, i])
+    top, _ = climb(whole, whole.to_coordinates(start)[0], *coordinate_bounds(whole))
+    found = np.stack([best, whole.from_coordinates(top[None, :])[0]])
+    return np.asarray(found[int(np.argmax(whole.log_prob(found)))])
 
 
 def _grown(config: RunConfig) -> Iterator[RunConfig]:
@@ -264,6 +285,8 @@ def _try(
         log_rms = np.array(list(pool.map(left_out, cases)))
     return _Tried(
         config=config,
+        names=whole.parameter_names,
+        optimum=best,
         n_free=len(whole.of_model),
         rms_dex=calibrated_residuals(whole, best).rms,
         log_rms=log_rms,
