@@ -213,6 +213,10 @@ def _effects(names: tuple[str, ...]) -> None:
     """Known ones, each once, and no two that say the same; or ``auto`` alone."""
     if names == AUTO:
         return
+    for name in ("auto", "none"):
+        if name in names:
+            msg = f"effects: {name!r} stands alone. Give it without others, or name the effects"
+            raise ConfigError(msg)
     for name in names:
         _one_of("effects", name, EFFECTS)
         if names.count(name) > 1:

@@ -46,7 +46,8 @@ class Effects:
     nu : float
         Exponent of the generalised Cauchy shape, 0.6 to 6 [1].
     eta : float
-        Lorentzian share of the half width of the Voigt shape [1].
+        Lorentzian share of the Voigt shape: the half width of its Lorentzian over the sum of those
+        of Lorentzian and Gaussian [1].
     narrowing : float
         Exponent of Eq. (5) of the 2011 paper, 0 to 2 [1].
     lambert, bulk, volume, backscatter : float

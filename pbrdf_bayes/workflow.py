@@ -36,7 +36,7 @@ from pbrdf_bayes.inference.laplace import laplace_mixture
 from pbrdf_bayes.inference.least_squares import fit_least_squares
 from pbrdf_bayes.inference.leave_one_out import leave_each_out
 from pbrdf_bayes.inference.map_fit import MapResult, find_map
-from pbrdf_bayes.inference.posterior import Posterior, build_posterior
+from pbrdf_bayes.inference.posterior import Posterior, build_posterior, normalisation_change
 from pbrdf_bayes.inference.power_scaling import measure_sensitivity
 from pbrdf_bayes.inference.reciprocity_size import measure_reciprocity
 from pbrdf_bayes.inference.residuals import (
@@ -208,7 +208,7 @@ def _fit_posterior(
         identifiability=identifiability, diagnostics=diagnostics, curves=curves,
         dhr_curves=dhr_curves, sensitivity=sensitivity, leave_one_out=leave_one_out,
         holdout=holdout, holdouts=holdouts, scales=scales, discrepancy=discrepancy,
-        normalisation_error=_normalisation_error(posterior, optima.best.x),
+        normalisation_error=normalisation_change(posterior, optima.best.x),
         microseconds=time_likelihood(posterior, optima.best.x), timings=clock.timings,
         effects_choice=choice, applicability=applicability, reciprocity=reciprocity,
         widths=widths,
@@ -243,17 +243,6 @@ def _tempered_draws(
     return sample_posterior(
         weak, mixture, draft, method="psis", seed=seed, checkpoint=checkpoint
     ).flat
-
-
-def _normalisation_error(posterior: Posterior, x: Array) -> float:
-    """Relative change of the model at the MAP when three more digits are asked for."""
-    if not len(posterior.measurement.brdf):
-        return 0.0
-    coarse, fine = (
-        replace(posterior, digits=posterior.digits + extra).predict(x[None, :])[0]
-        for extra in (0.0, 3.0)
-    )
-    return float(np.max(np.abs(coarse / np.maximum(fine, 1e-280) - 1.0)))
 
 
 @dataclass(frozen=True)

@@ -348,3 +348,14 @@ def build_posterior(measurement: Measurement, config: RunConfig) -> Posterior:
         filtered=prepare_filtered(measurement, rows, config, discrepancy),
         scene=build_scene(config, tuple(columns)),
     )  # fmt: skip
+
+
+def normalisation_change(posterior: Posterior, x: Array) -> float:
+    """Relative change of the model at the MAP when three more digits are asked for."""
+    if not len(posterior.measurement.brdf):
+        return 0.0
+    coarse, fine = (
+        replace(posterior, digits=posterior.digits + extra).predict(x[None, :])[0]
+        for extra in (0.0, 3.0)
+    )
+    return float(np.max(np.abs(coarse / np.maximum(fine, 1e-280) - 1.0)))

@@ -47,6 +47,8 @@ _DEGREE = pi / 180.0
 _TINIEST = 1e-280
 _LARGEST_THETA_I = 89.95 * _DEGREE
 _BLUR, _BLUR_WEIGHT = np.polynomial.legendre.leggauss(7)
+_PANEL = 0.4
+"""Half of the range of theta_r of seven nodes, over rho0: no lobe is much narrower."""
 
 
 class _Where(NamedTuple):
@@ -173,13 +175,15 @@ def _fill_shaped(
 ) -> None:  # fmt: skip
     """BRDF with general lobes, as the detector sees it from where the goniometer is."""
     work.f[:] = 0.0
-    blurred = effects.aperture_deg > 0.0
-    for node in range(_BLUR.size if blurred else 1):
-        blur = effects.aperture_deg * _DEGREE * _BLUR[node] if blurred else 0.0
-        weight = 0.5 * _BLUR_WEIGHT[node] if blurred else 1.0
+    half = effects.aperture_deg * _DEGREE
+    n_panels = max(1, int(np.ceil(half / (_PANEL * surf.rho0))))
+    for i in range(n_panels * _BLUR.size if half > 0.0 else 1):
+        panel, node = divmod(i, _BLUR.size)
+        blur = half * ((2.0 * panel + 1.0 + _BLUR[node]) / n_panels - 1.0)
+        weight = 0.5 * _BLUR_WEIGHT[node] / n_panels if half > 0.0 else 1.0
         if moved:
-            _move(geometry.angles, effects, blur, where)
-        if node == 0:
+            _move(geometry.angles, effects, blur if half > 0.0 else 0.0, where)
+        if i == 0:
             _fill_scales(geometry, surf, shaped, where, digits, work)
         for j in range(geometry.start.size - 1):
             _add_group(geometry, j, effects, surf, shaped, where, weight, work)

@@ -42,7 +42,11 @@ def render_scene(values: SceneValues, pictures: Sequence[ScenePicture]) -> str:
         (heading, note, [p for p in pictures if p.part == name])
         for name, (heading, note) in _PARTS.items()
     ]
-    kicker = [f"{count(scene.n_directions)} directions"] if scene.theta_i_deg else []
+    kicker = (
+        [f"{count(scene.n_directions)} direction{'s' * (scene.n_directions != 1)}"]
+        if scene.theta_i_deg
+        else []
+    )
     kicker += (
         [f"DHR at {count(len(scene.dhr_theta_i_deg))} angles"] if scene.dhr_theta_i_deg else []
     )

@@ -266,4 +266,4 @@ def test_the_table_of_the_defect(textbook: Any) -> None:
     black = pb.Parameters(n=1.5, k=0.0, sigma_n0=0.0, rho0=0.3)
     assert np.isnan(pb.reciprocity_defect(black, 20.0, 60.0)).all()
     with pytest.raises(pb.DomainError, match=r"theta_i_deg = -5\.0"):
-        pb.reciprocity_defect(GREEN, 20.0, -5.0)
+        pb.reciprocity_defect(GREEN, -5.0, 20.0)
