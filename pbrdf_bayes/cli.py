@@ -14,7 +14,6 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from math import floor
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -259,16 +258,13 @@ def _numbers(text: str) -> list[float]:
 
 
 def _grid(text: str) -> list[float]:
+    from pbrdf_bayes.scenes import spaced
+
     try:
-        parts = [float(part) for part in text.split(":")]
-        low, high, step = parts if len(parts) != 1 else (*parts, *parts, 1.0)
-        count = floor((high - low) / step + 1e-9)
-        if step <= 0.0 or count < 0 or count > 1_000_000:
-            raise ValueError
-    except (ValueError, ZeroDivisionError, OverflowError):
+        return spaced(text if ":" in text else f"{text}:{text}:1", most=1_000_000)
+    except ValueError:
         msg = f"{text!r}: give one angle, or LO:HI:STEP with STEP > 0, e.g. -80:80:0.5"
         raise argparse.ArgumentTypeError(msg) from None
-    return [min(low + step * i, high) for i in range(count + 1)]
 
 
 def _words(text: str) -> list[str]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pbrdf_bayes.config import FRESNEL_AT, LINE_SHAPES, did_you_mean
-from pbrdf_bayes.errors import DomainError
+from pbrdf_bayes.config import FRESNEL_AT, INSTRUMENT_EFFECTS, LINE_SHAPES, did_you_mean
+from pbrdf_bayes.errors import ConfigError, DomainError
 from pbrdf_bayes.physics.line_shapes import ETA_RANGE, NU_RANGE
 from pbrdf_bayes.physics.scene import NULL, EffectValues, Scene, make_scene
 from pbrdf_bayes.physics.shaped_lobes import NARROWING_RANGE
@@ -32,6 +33,10 @@ EFFECT_DOMAIN: Mapping[str, tuple[float, float]] = {
     "aperture_deg": (0.0, 3.0),
 }
 """Ranges of their parameters."""
+INSTRUMENT_FIELDS = tuple(
+    name for name in EffectValues._fields if name.removesuffix("_deg") in INSTRUMENT_EFFECTS
+)
+"""Those that say what the instrument does, and not the sample."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,3 +143,29 @@ def scene_and_columns(
     values = [float(getattr(effects, name)) for name in names]
     scene = make_scene(effects.line_shape, effects.fresnel_at, ("", "", "", "", *names))
     return scene, np.concatenate([parameters, values])[None, :]
+
+
+def with_values(effects: Effects, table: Mapping[str, Any], *, prefix: str = "") -> Effects:
+    """Effects with values by name in place of theirs, as a file has them.
+
+    Parameters
+    ----------
+    effects : Effects
+    table : mapping of str to value
+    prefix : str
+        What stands before a name in the file.
+
+    Raises
+    ------
+    ConfigError
+        Naming a key that is not known.
+    DomainError
+        When a value is out of range.
+    """
+    known = [field.name for field in fields(Effects)]
+    for name in table:
+        if name not in known:
+            hint = did_you_mean(name, known)
+            msg = f"{prefix}{name} is not known.{hint} Known: {', '.join(known)}"
+            raise ConfigError(msg)
+    return replace(effects, **table)

@@ -8,12 +8,9 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from pbrdf_bayes.config import did_you_mean
-from pbrdf_bayes.effects import Effects
+from pbrdf_bayes.effects import Effects, with_values
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.model import DOMAIN, Parameters
-
-_EFFECTS = tuple(field.name for field in fields(Effects))
 
 
 def read_parameters(text: str) -> tuple[Parameters, Effects]:
@@ -56,17 +53,12 @@ def read_parameters(text: str) -> tuple[Parameters, Effects]:
         msg = f"--params {text[:200]}: needs {', '.join(DOMAIN)}; got {given}"
         raise ConfigError(msg)
     others = {name: value for name, value in table.items() if name not in DOMAIN}
-    for name in others:
-        if name not in _EFFECTS:
-            hint = did_you_mean(name, _EFFECTS)
-            msg = f"{name!r} is no parameter of the model.{hint} Effects: {', '.join(_EFFECTS)}"
-            raise ConfigError(msg)
-    return Parameters(**{name: table[name] for name in DOMAIN}), Effects(**others)
+    return Parameters(**{name: table[name] for name in DOMAIN}), with_values(Effects(), others)
 
 
 def _of_summary(summary: Mapping[str, Any]) -> dict[str, Any]:
     """Values at the MAP and choices of the model."""
-    known = {*DOMAIN, *_EFFECTS}
+    known = {*DOMAIN, *(field.name for field in fields(Effects))}
     rows = summary["parameters"].items()
     table = {k: v.get("map") for k, v in rows if k in known and isinstance(v, dict)}
     config = summary.get("config")

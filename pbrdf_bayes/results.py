@@ -1,4 +1,4 @@
-"""What a fit leaves behind: frozen records, no computing.
+"""What a fit leaves behind: frozen records, and its draws as they are taken from them.
 
 A run is one `Analysis`: a JSON-able summary, a tree of arrays and the resolved configuration.
 The run folder holds exactly these three, so a report made from disk equals one made from memory.
@@ -42,9 +42,12 @@ The run folder holds exactly these three, so a report made from disk equals one 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -72,3 +75,27 @@ class Analysis:
     summary: Mapping[str, Any]
     draws: xr.DataTree
     config_toml: str
+
+
+def drawn_sets(
+    analysis: Analysis, names: Sequence[str], n: int
+) -> tuple[NDArray[np.float64], np.random.Generator]:
+    """Parameter sets drawn from the posterior, the same ones for every prediction of a run.
+
+    Parameters
+    ----------
+    analysis : Analysis
+    names : sequence of str
+        Of the columns.
+    n : int
+        Sets to draw.
+
+    Returns
+    -------
+    tuple of ndarray, shape (n, n_names), and numpy.random.Generator
+        The sets, in physical units, and the generator to go on with.
+    """
+    group = analysis.draws["posterior"].to_dataset()
+    flat = np.stack([group[name].values.ravel() for name in names], axis=1)
+    rng = np.random.default_rng([int(analysis.summary["seed"]), 7])
+    return flat[rng.choice(len(flat), n)], rng

@@ -16,13 +16,13 @@ What decides the cost, and where it is saved:
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pbrdf_bayes.config import ACCURACIES, INSTRUMENT_EFFECTS, did_you_mean
-from pbrdf_bayes.effects import Effects
+from pbrdf_bayes.config import ACCURACIES
+from pbrdf_bayes.effects import INSTRUMENT_FIELDS, Effects, with_values
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.model import DOMAIN, MAX_THETA_I_DEG, Parameters, checked_angles, digits_of
 from pbrdf_bayes.physics.brdf import evaluate
@@ -32,7 +32,7 @@ from pbrdf_bayes.physics.scattering import evaluate_with_effects
 from pbrdf_bayes.physics.scene import NULL, EffectValues, make_scene
 from pbrdf_bayes.physics.scene_stokes import bulk_s1, of_surface
 from pbrdf_bayes.physics.stokes import prepare_frames
-from pbrdf_bayes.results import Analysis
+from pbrdf_bayes.results import Analysis, drawn_sets
 from pbrdf_bayes.scenes import Scene, SceneValues
 
 Array = NDArray[np.float64]
@@ -168,24 +168,13 @@ def _check_angles(scene: Scene) -> None:
     checked_angles("dhr_theta_i_deg", scene.dhr_theta_i_deg, 0.0, MAX_THETA_I_DEG)
 
 
-def _instrument_fields() -> tuple[str, ...]:
-    """Fields of `EffectValues` that belong to the instrument."""
-    asked = (*INSTRUMENT_EFFECTS, *(f"{name}_deg" for name in INSTRUMENT_EFFECTS))
-    return tuple(name for name in EffectValues._fields if name in asked)
-
-
 def _on_top(effects: Effects | None, scene: Scene) -> Effects:
     """Effects with those of the scene on top."""
-    known = [field.name for field in fields(Effects)]
     for name in scene.effects:
-        if name not in known:
-            hint = did_you_mean(name, known)
-            msg = f"effects.{name} is not known.{hint} Known: {', '.join(known)}"
-            raise ConfigError(msg)
-        if name in _instrument_fields() and not scene.instrument:
+        if name in INSTRUMENT_FIELDS and not scene.instrument:
             msg = f"effects.{name} is one of the instrument: give instrument = true, or leave it"
             raise ConfigError(msg)
-    return replace(effects or Effects(), **scene.effects)
+    return with_values(effects or Effects(), scene.effects, prefix="effects.")
 
 
 def _of_parameters(
@@ -199,7 +188,7 @@ def _of_parameters(
     found = DrawnModel(
         x, (*DOMAIN, *added), effects.line_shape, effects.fresnel_at, digits_of(rtol), source={}
     )
-    found = found if scene.instrument else found.without(_instrument_fields())
+    found = found if scene.instrument else found.without(INSTRUMENT_FIELDS)
     text |= {name: f"{added[name]:.10g}" for name in found.names if name in added}
     text |= {name: word for name, word in shape.items() if word != getattr(Effects(), name)}
     return replace(found, source={"parameters": ", ".join(f"{k} = {v}" for k, v in text.items())})
@@ -207,10 +196,9 @@ def _of_parameters(
 
 def _of_run(analysis: Analysis, scene: Scene) -> DrawnModel:
     """Draws of the posterior, the same that `predict` takes where their number is the same."""
-    summary, group = analysis.summary, analysis.draws["posterior"].to_dataset()
-    names = (*DOMAIN, *(name for name in EffectValues._fields if name in group))
-    flat = np.stack([group[name].values.ravel() for name in names], axis=1)
-    rng = np.random.default_rng([int(summary["seed"]), 7])
+    summary = analysis.summary
+    names = (*DOMAIN, *(name for name in EffectValues._fields if name in summary["parameters"]))
+    x, _ = drawn_sets(analysis, names, scene.n_draws)
     config = summary["config"]
     source = {
         "sample": str(summary["sample"]),
@@ -221,26 +209,17 @@ def _of_run(analysis: Analysis, scene: Scene) -> DrawnModel:
         "bands": f"5 %, 50 % and 95 % of {scene.n_draws} draws of the posterior",
     }
     found = DrawnModel(
-        flat[rng.choice(len(flat), scene.n_draws)], names, config["line_shape"],
-        config["fresnel_at"], digits_of(ACCURACIES[config["accuracy"]].rtol), source,
+        x, names, config["line_shape"], config["fresnel_at"],
+        digits_of(ACCURACIES[config["accuracy"]].rtol), source,
     )  # fmt: skip
-    return found if scene.instrument else found.without(_instrument_fields())
+    return found if scene.instrument else found.without(INSTRUMENT_FIELDS)
 
 
 def _quantiles(values: Array) -> Array:
-    """Quantiles over the first axis as the last one; for one parameter set its values.
-
-    Those of `numpy.quantile`, by sorting draws that lie side by side: several times as fast.
-    """
+    """Quantiles over the first axis as the last one; for one parameter set its values."""
     if len(values) == 1:
         return np.asarray(values[0][..., None])
-    ordered = np.sort(np.ascontiguousarray(np.moveaxis(values, 0, -1)), axis=-1)
-    at = np.array(QUANTILES) * (len(values) - 1)
-    below = np.minimum(at.astype(np.int64), len(values) - 2)
-    low, high = ordered[..., below], ordered[..., below + 1]
-    found = low + (high - low) * (at - below)
-    found[np.isnan(ordered[..., -1])] = np.nan
-    return np.asarray(found)
+    return np.moveaxis(np.quantile(values, QUANTILES, axis=0), 0, -1)
 
 
 def _dhr(model: DrawnModel, scene: Scene) -> Array:

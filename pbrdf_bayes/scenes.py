@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from itertools import pairwise
+from math import floor
 from typing import TYPE_CHECKING, Any
 
 from pbrdf_bayes.config import did_you_mean
@@ -189,6 +190,26 @@ class SceneValues:
     def at_median(self) -> int:
         """Index of the median on the axis of quantiles."""
         return self.quantiles.index(0.5)
+
+
+def spaced(text: str, *, most: int) -> list[float]:
+    """Angles of ``LO:HI:STEP``, both ends included where the step meets them.
+
+    Raises
+    ------
+    ValueError
+        Where the text is no such thing, or makes more angles than ``most``.
+
+    Examples
+    --------
+    >>> spaced("-10:10:10", most=100)
+    [-10.0, 0.0, 10.0]
+    """
+    low, high, step = (float(part) for part in text.split(":"))
+    if not (step > 0.0 and low <= high and (high - low) / step < most):
+        raise ValueError(text)
+    count = floor((high - low) / step + 1e-9)
+    return [round(min(low + step * i, high), 10) for i in range(count + 1)]
 
 
 def check_scene_keys(given: Iterable[str]) -> None:

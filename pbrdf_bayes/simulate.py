@@ -118,7 +118,6 @@ def simulate_measurement(
         low, high = DHR_RANGE
         _readable("dhr", readings, (readings >= low) & (readings <= high),
                   "less noise, or less diffuse scatter and reflectance")  # fmt: skip
-
         for theta_i, value in zip(dhr_theta_i_deg, readings.tolist(), strict=True):
             add("dhr", q, theta_i, np.nan, value)
     return measurement_from_columns(

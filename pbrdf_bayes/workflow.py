@@ -54,7 +54,7 @@ from pbrdf_bayes.io.tidy_csv import read_measurement
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.model import check_directions
 from pbrdf_bayes.report.page import render_report
-from pbrdf_bayes.results import Analysis
+from pbrdf_bayes.results import Analysis, drawn_sets
 from pbrdf_bayes.resume import (
     as_finished,
     can_walk_on,
@@ -312,7 +312,8 @@ def fit_file(
             return FitRun(folder, summary["status"], summary["verdict"])
     with run_folder.locked(folder):
         config, choice = _chosen_effects(measurement, config, seed, clock)
-        posterior = build_posterior(measurement, config)
+        if choice is not None:
+            posterior = build_posterior(measurement, config)
         missing = likelihood_to_compile(posterior)
         if missing is not None:
             with clock.stage("compile"):
@@ -382,10 +383,7 @@ def predict_from_analysis(analysis: Analysis, targets: Targets) -> Bands:
     )  # fmt: skip
     config = config_from_table(analysis.summary["config"])
     posterior = build_posterior(measurement_of(analysis), config)
-    group = analysis.draws["posterior"].to_dataset()
-    flat = np.stack([group[name].values.ravel() for name in posterior.parameter_names], axis=1)
-    rng = np.random.default_rng([int(analysis.summary["seed"]), 7])
-    picked = flat[rng.choice(len(flat), _N_BAND_DRAWS)]
+    picked, rng = drawn_sets(analysis, posterior.parameter_names, _N_BAND_DRAWS)
     best = analysis.summary["parameters"]
     x_map = np.array([best[name]["map"] for name in posterior.parameter_names])
     return predict_bands(posterior, picked, x_map, targets, rng)

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
+import signal
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -22,6 +27,38 @@ def _kernels_on_disk() -> None:
     compile_ahead("iid")
     compile_ahead("correlated")
     compile_ahead("iid" + WITH_EFFECTS)
+
+
+@pytest.fixture
+def signals_as_before() -> Iterator[None]:
+    """`main` takes SIGTERM over for its process, which here is the test's."""
+    before = signal.getsignal(signal.SIGTERM)
+    yield
+    signal.signal(signal.SIGTERM, before)
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty current folder."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture(scope="session")
+def make_of() -> Callable[[str], ModuleType]:
+    """The script ``make.py`` of a folder of reports/, as a module."""
+
+    def load(folder: str) -> ModuleType:
+        path = REPOSITORY / "reports" / folder / "make.py"
+        spec = importlib.util.spec_from_file_location(f"{folder}_make", path)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[spec.name] = module  # its dataclasses look for it there
+        spec.loader.exec_module(module)
+        return module
+
+    return load
 
 
 @pytest.fixture(scope="session")

@@ -15,7 +15,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,26 +28,13 @@ from pbrdf_bayes.cli import main
 from pbrdf_bayes.io.run_folder import load_analysis
 from pbrdf_bayes.prediction import COLUMNS
 
+pytestmark = pytest.mark.usefixtures("signals_as_before")
+
 PARAMS = '{"n": 1.526, "k": 0.193, "sigma_n0": 0.4528, "rho0": 0.47}'
 HEADER = "sample,wavelength_um,quantity,polarization,theta_i_deg,theta_r_deg,value\n"
 ROW = "a,3.39,brdf,s,20,{},0.01\n"
 RESULTS = {"summary.json", "posterior.nc", "config.toml", "report.html", "log.txt"}
 posix = pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
-
-
-@pytest.fixture(autouse=True)
-def _signals_as_before() -> Iterator[None]:
-    """`main` takes SIGTERM over for its process, which here is the test's."""
-    before = signal.getsignal(signal.SIGTERM)
-    yield
-    signal.signal(signal.SIGTERM, before)
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty current folder."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def run(*arguments: object) -> int:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -22,12 +21,8 @@ FOLDER = Path(__file__).parents[1] / "reports" / "fresnel_at"
 
 
 @pytest.fixture(scope="module")
-def make() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("fresnel_at_make", FOLDER / "make.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # its dataclasses look for it there
-    spec.loader.exec_module(module)
-    return module
+def make(make_of: Callable[[str], ModuleType]) -> ModuleType:
+    return make_of("fresnel_at")
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,5 @@
 """The committed page with the paper's curves states what the model gives today."""
 
-import importlib.util
 import json
 import re
 from pathlib import Path
@@ -14,11 +13,8 @@ FOLDER = Path(__file__).parents[1] / "reports" / "published_paint"
 
 
 @pytest.fixture(scope="module")
-def make():
-    spec = importlib.util.spec_from_file_location("published_paint_make", FOLDER / "make.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def make(make_of):
+    return make_of("published_paint")
 
 
 @pytest.fixture(scope="module")

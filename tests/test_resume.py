@@ -31,12 +31,15 @@ from pbrdf_bayes.io.checkpoint import read_checkpoint
 from pbrdf_bayes.io.run_folder import load_analysis
 from pbrdf_bayes.workflow import fit_file
 
-pytestmark = pytest.mark.skipif(os.name == "nt", reason="POSIX signals and limits")
+pytestmark = [
+    pytest.mark.skipif(os.name == "nt", reason="POSIX signals and limits"),
+    pytest.mark.usefixtures("signals_as_before"),
+]
 
 RESULTS = {"summary.json", "posterior.nc", "config.toml", "report.html", "log.txt"}
-UNFINISHED = RESULTS | {"checkpoint_sample.npz"}
-"""Of a run that ended at max_steps: it can be gone on with."""
 CHECKPOINT = "checkpoint_sample.npz"
+UNFINISHED = RESULTS | {CHECKPOINT}
+"""Of a run that ended at max_steps: it can be gone on with."""
 EXPLORED, KEPT = 150, 100
 CONFIG = f"holdout = false\nn_walkers = 16\nmax_steps = {KEPT}\nthreads = {{}}\n"
 RESTLESS = f"""
@@ -50,15 +53,6 @@ sys.argv = ["pbrdf-bayes", *sys.argv[1:]]
 from pbrdf_bayes.cli import run_program
 run_program()
 """
-
-
-@pytest.fixture(autouse=True)
-def _signals_as_before() -> Iterator[None]:
-    """`main` takes signals over for its process, which here is the test's."""
-    before = {kind: signal.getsignal(kind) for kind in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for kind, handler in before.items():
-        signal.signal(kind, handler)
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -16,12 +15,8 @@ FOLDER = Path(__file__).parents[1] / "reports" / "samplers"
 
 
 @pytest.fixture(scope="module")
-def make() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("samplers_make", FOLDER / "make.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # its dataclasses look for it there
-    spec.loader.exec_module(module)
-    return module
+def make(make_of: Callable[[str], ModuleType]) -> ModuleType:
+    return make_of("samplers")
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import re
-import signal
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -24,6 +22,8 @@ from pbrdf_bayes.report.figures_scene import scene_pictures
 from pbrdf_bayes.report.scene_page import render_scene, standalone_svg
 from pbrdf_bayes.scenes import SCENE_HELP, Scene
 
+pytestmark = pytest.mark.usefixtures("signals_as_before")
+
 PARAMS = '{"n": 1.526, "k": 0.193, "sigma_n0": 0.4528, "rho0": 0.47}'
 WHOLE = """\
 theta_i_deg = [20, 60]
@@ -35,19 +35,6 @@ stokes_incident = "u"
 depolarisation = 0.1
 """
 PLANE = 'theta_i_deg = 40\ntheta_r_deg = "-80:80:5"\npolarizations = "u"\n'
-
-
-@pytest.fixture(autouse=True)
-def _signals_as_before() -> Iterator[None]:
-    before = signal.getsignal(signal.SIGTERM)
-    yield
-    signal.signal(signal.SIGTERM, before)
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def ask(text: str, *arguments: object, out: str | None = "o") -> int:

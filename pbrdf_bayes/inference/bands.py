@@ -16,7 +16,7 @@ from pbrdf_bayes.inference.correlated_likelihood import divide_by_share, precisi
 from pbrdf_bayes.inference.filtered_likelihood import noise_mixture
 from pbrdf_bayes.inference.innovations import draw_gains, filter_all
 from pbrdf_bayes.inference.posterior import Posterior
-from pbrdf_bayes.inference.residuals import floored, row_weights, scan_gains
+from pbrdf_bayes.inference.residuals import log_residuals, row_weights, scan_gains, scan_of_rows
 from pbrdf_bayes.measurement import Measurement, Readings
 from pbrdf_bayes.physics.geometry import prepare_geometry
 from pbrdf_bayes.results import QUANTILES
@@ -230,7 +230,7 @@ def scan_scales(posterior: Posterior, draws: Array, rng: np.random.Generator) ->
     if filtered is not None:
         return np.stack([draw_gains(posterior, filtered, x, rng) for x in draws])
     curves, _ = posterior.predict(draws)
-    residual = rows.y - floored(np.log(np.maximum(curves, 1e-280)), rows.floor2)
+    residual = log_residuals(posterior, curves)
     result = np.empty((len(draws), rows.noise_column.size))
     for i, x in enumerate(draws):
         if posterior.discrepancy is not None:
@@ -255,7 +255,7 @@ def _scales_beside_discrepancy(
     """
     rows, law = posterior.rows, posterior.discrepancy
     assert law is not None
-    scan = np.repeat(np.arange(rows.noise_column.size), np.diff(rows.scan_start))
+    scan = scan_of_rows(posterior)
     of_scan = law.group_of_scan
     rank = np.array([int(np.sum(of_scan[:j] == of_scan[j])) for j in range(of_scan.size)])
     indicators = (rank[scan] == np.arange(rank.max() + 1)[:, None]).astype(np.float64)

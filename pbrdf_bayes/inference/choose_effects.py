@@ -176,10 +176,12 @@ def compare_configs(
     if not cases:
         msg = "one angle of incidence and one polarisation: nothing can be left out and predicted"
         raise DataError(msg)
-    starts = _shared_optima(measurement, configs, seed)
+    posteriors = [_quick_posterior(measurement, config) for config in configs]
     tried = [
-        _try(measurement, config, cases, seed, start)
-        for config, start in zip(configs, starts, strict=True)
+        _try(config, posterior, optimum, cases)
+        for config, posterior, optimum in zip(
+            configs, posteriors, _shared_optima(posteriors, seed), strict=True
+        )
     ]
     best = min(tried, key=lambda t: t.score)
     return tuple(
@@ -187,24 +189,28 @@ def compare_configs(
     )
 
 
-def _shared_optima(
-    measurement: Measurement, configs: Sequence[RunConfig], seed: int
-) -> list[Array]:
-    """Optimum of each configuration; those of the others with the same parameters are starts."""
-    wholes = [build_posterior(measurement, _quick(measurement, config)) for config in configs]
-    found = [find_map(whole, n_starts=_N_STARTS, seed=seed).best.x for whole in wholes]
-    optima = []
-    for whole in wholes:
-        low, high = coordinate_bounds(whole)
-        same = [
-            x
-            for x, other in zip(found, wholes, strict=True)
-            if other.parameter_names == whole.parameter_names
-        ]
-        tops = [climb(whole, z, low, high)[0] for z in whole.to_coordinates(np.array(same))]
-        x = whole.from_coordinates(np.array(tops))
-        optima.append(x[int(np.argmax(whole.log_prob(x)))])
-    return optima
+def _shared_optima(posteriors: Sequence[Posterior], seed: int) -> list[Array]:
+    """Optimum of each posterior; those of the others with the same parameters are starts."""
+    found = [_optimum(posterior, seed) for posterior in posteriors]
+    return [
+        _highest(one, [
+            x for x, other in zip(found, posteriors, strict=True)
+            if other.parameter_names == one.parameter_names
+        ])
+        for one in posteriors
+    ]  # fmt: skip
+
+
+def _optimum(posterior: Posterior, seed: int) -> Array:
+    return find_map(posterior, n_starts=_N_STARTS, seed=seed).best.x
+
+
+def _highest(posterior: Posterior, starts: Sequence[Array]) -> Array:
+    """Where the highest of the climbs from parameter sets (n_par,) ends."""
+    low, high = coordinate_bounds(posterior)
+    ends = [climb(posterior, z, low, high) for z in posterior.to_coordinates(np.array(starts))]
+    top = max(ends, key=lambda end: end[1])[0]
+    return np.asarray(posterior.from_coordinates(top[None, :])[0])
 
 
 def as_chosen(
@@ -228,14 +234,16 @@ def _grow(
     told: Callable[[str], None],
 ) -> list[_Tried]:  # fmt: skip
     """The base and what grows from the best of each size, until nothing is gained."""
-    tried = [_try(measurement, base, cases, seed)]
+    whole = _quick_posterior(measurement, base)
+    tried = [_try(base, whole, _optimum(whole, seed), cases)]
     best = tried[0]
     while True:
         grown = []
         for larger in _grown(best.config):
             told(_name(larger))
-            start = _begun_from(measurement, larger, best, seed)
-            grown.append(_try(measurement, larger, cases, seed, start))
+            whole = _quick_posterior(measurement, larger)
+            starts = [_optimum(whole, seed), _begun_from(best, whole)]
+            grown.append(_try(larger, whole, _highest(whole, starts), cases))
         tried += grown
         next_best = min(grown, key=lambda t: t.score, default=best)
         if not _is_better(next_best, best):
@@ -243,20 +251,15 @@ def _grow(
         best = next_best
 
 
-def _begun_from(measurement: Measurement, config: RunConfig, smaller: _Tried, seed: int) -> Array:
-    """Optimum of a candidate from the few starts, or from that of the one it grows from.
+def _begun_from(smaller: _Tried, larger: Posterior) -> Array:
+    """A start at the optimum of the candidate that this one grows from.
 
     A weak lobe beside diffuse scatter can be lost from the few starts.
     """
-    whole = build_posterior(measurement, _quick(measurement, config))
-    best = find_map(whole, n_starts=_N_STARTS, seed=seed).best.x
     known = dict(zip(smaller.names, smaller.optimum.tolist(), strict=True))
-    start = whole.prior_quantile(np.full((1, whole.n_par), _ADDED_AT))
-    for i, name in enumerate(whole.parameter_names):
-        start[0, i] = known.get(name, start[0, i])
-    top, _ = climb(whole, whole.to_coordinates(start)[0], *coordinate_bounds(whole))
-    found = np.stack([best, whole.from_coordinates(top[None, :])[0]])
-    return np.asarray(found[int(np.argmax(whole.log_prob(found)))])
+    start = larger.prior_quantile(np.full((1, larger.n_par), _ADDED_AT))[0]
+    at_quantile = zip(larger.parameter_names, start.tolist(), strict=True)
+    return np.array([known.get(name, value) for name, value in at_quantile])
 
 
 def _grown(config: RunConfig) -> Iterator[RunConfig]:
@@ -269,14 +272,8 @@ def _grown(config: RunConfig) -> Iterator[RunConfig]:
         yield replace(config, line_shape="cauchy")
 
 
-def _try(
-    measurement: Measurement, config: RunConfig, cases: Sequence[Case], seed: int,
-    optimum: Array | None = None,
-) -> _Tried:  # fmt: skip
-    """Fit all readings if that is not done yet, then each case from there."""
-    quick = _quick(measurement, config)
-    whole = build_posterior(measurement, quick)
-    best = find_map(whole, n_starts=_N_STARTS, seed=seed).best.x if optimum is None else optimum
+def _try(config: RunConfig, whole: Posterior, best: Array, cases: Sequence[Case]) -> _Tried:
+    """Leave each case out, from the optimum of all readings."""
 
     def left_out(case: Case) -> float:
         return _log_rms(whole, best, case)
@@ -295,9 +292,10 @@ def _try(
     )
 
 
-def _quick(measurement: Measurement, config: RunConfig) -> RunConfig:
-    """Draft of a fit with independent readings."""
-    return draft_of(replace(config, noise="iid", tails="normal"), measurement)
+def _quick_posterior(measurement: Measurement, config: RunConfig) -> Posterior:
+    """That of a draft with independent readings."""
+    plain = replace(config, noise="iid", tails="normal")
+    return build_posterior(measurement, draft_of(plain, measurement))
 
 
 def time_likelihood(posterior: Posterior, x: Array) -> float:
@@ -316,7 +314,7 @@ def time_likelihood(posterior: Posterior, x: Array) -> float:
 def _log_rms(whole: Posterior, best: Array, case: Case) -> float:
     """Ln of the rms [dex] of the scans of a case, predicted by a fit without them."""
     part = select_scans(whole.measurement, case.keep, dhr=case.dhr)
-    posterior = build_posterior(part, _quick(part, whole.config))
+    posterior = _quick_posterior(part, whole.config)
     columns = [whole.parameter_names.index(name) for name in posterior.parameter_names]
     low, high = coordinate_bounds(posterior)
     start = posterior.to_coordinates(best[columns][None, :])[0]

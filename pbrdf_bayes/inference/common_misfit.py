@@ -19,7 +19,7 @@ from pbrdf_bayes.inference.discrepancy import (
     smoother,
 )
 from pbrdf_bayes.inference.posterior import Posterior
-from pbrdf_bayes.inference.residuals import floored
+from pbrdf_bayes.inference.residuals import log_residuals, scan_of_rows
 from pbrdf_bayes.inference.verdicts import (
     COMMON_SIZE,
     COMMON_WARN,
@@ -30,11 +30,9 @@ from pbrdf_bayes.inference.verdicts import (
 )
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _ANGLES = 41
 _REPLICATES = 300
-_TINY = 1e-280
 
 
 @dataclass(frozen=True)
@@ -83,10 +81,9 @@ def compare_misfits(posterior: Posterior, x: Array, *, seed: int) -> CommonMisfi
     comparison have not. The p-value is rather too large for that.
     """
     law, rows = posterior.discrepancy, posterior.rows
-    if law is None or law.noise_column.size < 2:
+    if law is None:
         return None
-    scan = np.repeat(np.arange(rows.noise_column.size), np.diff(rows.scan_start))
-    data = _scanned(posterior, law, x, scan, ~rows.censored)
+    data = _scanned(posterior, law, x)
     wanted = _common_angles(data)
     if wanted.size == 0:
         return None
@@ -126,28 +123,27 @@ def judge_common(found: CommonMisfit) -> Diagnostic:
     )  # fmt: skip
 
 
-def _scanned(
-    posterior: Posterior, law: Discrepancy, x: Array, scan: Index, kept: NDArray[np.bool_]
-) -> Scanned:
-    """Residuals and variances of the rows to be kept, as the filter sees them."""
-    rows = posterior.rows
+def _scanned(posterior: Posterior, law: Discrepancy, x: Array) -> Scanned:
+    """Residuals and variances of the rows as the filter sees them, but for the censored ones."""
+    rows, scan = posterior.rows, scan_of_rows(posterior)
     brdf = posterior.predict(x[None, :])[0][0]
     s2 = x[rows.noise_column][scan] ** 2
     h, extra = divide_by_share(rows, law, s2, brdf)
-    residual = rows.y - floored(np.log(np.maximum(brdf, _TINY)), rows.floor2)
-    theta_r = posterior.measurement.brdf.theta_r_deg
-    return Scanned(
-        theta_r[kept], law.group_of_scan[scan][kept], scan[kept], (residual / h)[kept],
-        (s2 + extra)[kept],
+    all_rows = Scanned(
+        posterior.measurement.brdf.theta_r_deg, law.group_of_scan[scan], scan,
+        log_residuals(posterior, brdf) / h, s2 + extra,
     )  # fmt: skip
+    return Scanned._make(column[~rows.censored] for column in all_rows)
 
 
 def _common_angles(data: Scanned) -> Array:
     """Angles in the range of all groups [deg]; empty where there is none."""
     groups = np.unique(data.group)
+    if groups.size < 2:
+        return np.zeros(0)
     low = max(data.theta_r_deg[data.group == g].min() for g in groups)
     high = min(data.theta_r_deg[data.group == g].max() for g in groups)
-    return np.linspace(low, high, _ANGLES) if high > low and groups.size > 1 else np.zeros(0)
+    return np.linspace(low, high, _ANGLES) if high > low else np.zeros(0)
 
 
 def _correlation(paths: Array) -> float:

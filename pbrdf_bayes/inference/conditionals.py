@@ -32,7 +32,7 @@ from pbrdf_bayes.inference.correlated_likelihood import divide_by_share
 from pbrdf_bayes.inference.groups import set_variances, workspace
 from pbrdf_bayes.inference.matern import MISSING
 from pbrdf_bayes.inference.posterior import Posterior
-from pbrdf_bayes.inference.residuals import floored
+from pbrdf_bayes.inference.residuals import log_residuals, scan_of_rows
 
 Array = NDArray[np.float64]
 
@@ -74,8 +74,7 @@ def brdf_conditionals(posterior: Posterior, draws: Array, brdf: Array) -> Condit
     conditional of their own either: NaN.
     """
     rows = posterior.rows
-    log_f = np.log(np.maximum(brdf, _TINY))
-    residual = rows.y - floored(log_f, rows.floor2)
+    residual = log_residuals(posterior, brdf)
     share = rows.floor2 / (brdf * brdf + rows.floor2) if rows.floor2 > 0.0 else 0.0 * brdf[:, :1]
     if posterior.discrepancy is not None:
         return _beside_discrepancy(posterior, draws, residual, brdf)
@@ -156,12 +155,12 @@ def _beside_discrepancy(
     assert law is not None
     work = workspace(law.groups, True)
     by_row = np.empty((4, rows.y.size))
-    dof = _student_dof(posterior)
+    dof, scan = _student_dof(posterior), scan_of_rows(posterior)
     found = Conditionals(*(np.zeros(residual.shape) for _ in range(3)))
     left_out = np.where(rows.censored, MISSING, 0.0)
     for i, x in enumerate(draws):
         group_variance = x[law.noise_column] ** 2
-        s2 = np.repeat(x[rows.noise_column] ** 2, np.diff(rows.scan_start))
+        s2 = x[rows.noise_column][scan] ** 2
         h, extra = divide_by_share(rows, law, s2, brdf[i])
         own, weight = s2 + extra, np.ones(s2.size)
         for _ in range(_PASSES if np.isfinite(dof) else 1):

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pbrdf_bayes.config import INSTRUMENT_EFFECTS, RunConfig
-from pbrdf_bayes.effects import Effects
+from pbrdf_bayes.config import RunConfig
+from pbrdf_bayes.effects import INSTRUMENT_FIELDS, Effects
 from pbrdf_bayes.errors import DomainError
-from pbrdf_bayes.inference.effect_parameters import EFFECT_PARAMETERS
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.model import Parameters
@@ -108,11 +107,10 @@ def sample_effects(config: RunConfig, values: Mapping[str, float]) -> Effects:
     values : mapping of str to float
         By the names of the columns of the posterior.
     """
-    instrument = {spec.name for name in INSTRUMENT_EFFECTS for spec in EFFECT_PARAMETERS[name]}
-    of_sample = {name: values[name] for name in EffectValues._fields if name in values}
+    of_sample = [n for n in EffectValues._fields if n in values and n not in INSTRUMENT_FIELDS]
     return Effects(
         line_shape=config.line_shape, fresnel_at=config.fresnel_at,
-        **{name: value for name, value in of_sample.items() if name not in instrument},
+        **{name: values[name] for name in of_sample},
     )  # fmt: skip
 
 

@@ -68,13 +68,27 @@ def calibrated_residuals(posterior: Posterior, x: Array) -> Residuals:
         ``dex`` is log10(measured/(factor times model with floor)).
     """
     brdf, _ = posterior.predict(x[None, :])
-    log_f = np.log(np.maximum(brdf[0], _TINY))
-    residual = posterior.rows.y - floored(log_f, posterior.rows.floor2)
+    residual = log_residuals(posterior, brdf[0])
     weight = row_weights(posterior, x)
     gains = scan_gains(posterior, x, residual, weight)
-    dex = (residual - np.repeat(gains, _lengths(posterior))) / _LN10
+    dex = (residual - gains[scan_of_rows(posterior)]) / _LN10
     dex[posterior.rows.censored] = np.nan
     return _statistics(posterior, dex, weight)
+
+
+def log_residuals(posterior: Posterior, brdf: Array) -> Array:
+    """Ln(measured/expected) of every BRDF row beside the floor, shape (..., n_brdf).
+
+    ``brdf`` is the model there [sr^-1], of the same shape.
+    """
+    rows = posterior.rows
+    return np.asarray(rows.y - floored(np.log(np.maximum(brdf, _TINY)), rows.floor2))
+
+
+def scan_of_rows(posterior: Posterior) -> NDArray[np.int64]:
+    """Index of the scan of every BRDF row, shape (n_brdf,)."""
+    lengths = np.diff(posterior.rows.scan_start)
+    return np.repeat(np.arange(lengths.size), lengths)
 
 
 def floored(log_f: Array, floor2: float) -> Array:
@@ -102,7 +116,7 @@ def weight_beside_floor(value: ArrayLike, floor: float, noise: ArrayLike) -> Arr
 
 def row_weights(posterior: Posterior, x: Array) -> Array:
     """`weight_beside_floor` of every BRDF row at the noises in ``x``; 0 where censored."""
-    noise = np.repeat(x[posterior.rows.noise_column], _lengths(posterior))
+    noise = x[posterior.rows.noise_column][scan_of_rows(posterior)]
     weight = weight_beside_floor(np.exp(posterior.rows.y), posterior.config.brdf_floor, noise)
     return np.where(posterior.rows.censored, 0.0, weight)
 
@@ -119,10 +133,6 @@ def scan_gains(posterior: Posterior, x: Array, residual: Array, weight: Array) -
     sums = np.add.reduceat((weight * residual.T).T, starts, axis=0)
     shares = np.add.reduceat(weight, starts)
     return np.asarray((sums.T / (shares + x[rows.noise_column] ** 2 / rows.u_cal2)).T)
-
-
-def _lengths(posterior: Posterior) -> NDArray[np.int64]:
-    return np.diff(posterior.rows.scan_start)
 
 
 def _statistics(posterior: Posterior, dex: Array, weight: Array) -> Residuals:

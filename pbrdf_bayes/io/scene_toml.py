@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import floor
 from pathlib import Path
 from typing import Any
 
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.io.config_toml import read_toml
-from pbrdf_bayes.scenes import ANGLES, Scene, check_scene_keys
+from pbrdf_bayes.scenes import ANGLES, Scene, check_scene_keys, spaced
 
 _MOST_ANGLES = 100_000
 
@@ -72,16 +71,11 @@ def _angles(key: str, value: Any) -> tuple[Any, ...]:
 
 
 def _grid(key: str, text: str) -> tuple[float, ...]:
-    """Angles of ``LO:HI:STEP``, both ends included where the step meets them."""
     try:
-        low, high, step = (float(part) for part in text.split(":"))
-        count = floor((high - low) / step + 1e-9)
-        if step <= 0.0 or not 0 <= count < _MOST_ANGLES:
-            raise ValueError
-    except (ValueError, ZeroDivisionError, OverflowError):
+        return tuple(spaced(text, most=_MOST_ANGLES))
+    except ValueError:
         msg = (
             f'{key} = {text!r} is not allowed: give degrees as a list, or as "LO:HI:STEP" with '
             f'LO <= HI, STEP > 0 and fewer than {_MOST_ANGLES} angles, e.g. "-80:80:0.5"'
         )
         raise ConfigError(msg) from None
-    return tuple(round(min(low + step * i, high), 10) for i in range(count + 1))

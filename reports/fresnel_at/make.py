@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
@@ -182,6 +183,7 @@ def page(result: Mapping[str, Any]) -> str:
     template = environment.from_string((HERE / "page.html.j2").read_text(encoding="utf-8"))
     kinds = {"s and p, with DHR": ("s", "p"), "unpolarised, no DHR": ("u",)}
     return template.render(
+        css=Markup((HERE.parent / "pages.css").read_text(encoding="utf-8")),  # our own file
         **result, places=FRESNEL_AT, noise=NOISE, misfit=MISFIT, misfit_deg=MISFIT_DEG,
         tallies={kind: verdicts(of_kind(result["simulated"], q)) for kind, q in kinds.items()},
         finding=finding(result["measured"]),

@@ -355,6 +355,7 @@ def page(found: Mapping[str, Any]) -> str:
         "ratio_s": f"{ratio['s']:.2f}",
         "ratio_p": f"{ratio['p']:.2f}",
         "numbers": json.dumps(found),
+        "css": (HERE.parent / "pages.css").read_text(encoding="utf-8"),
     }
     template = (HERE / "page.html").read_text(encoding="utf-8")
     return re.sub(r"\{\{(\w+)\}\}", lambda m: parts[m[1]], template)

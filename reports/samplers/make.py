@@ -25,6 +25,7 @@ import emcee
 import nautilus
 import numpy as np
 from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
@@ -392,6 +393,7 @@ def page(result: Mapping[str, Any]) -> str:
     template = environment.from_string((HERE / "page.html.j2").read_text(encoding="utf-8"))
     return template.render(
         **result,
+        css=Markup((HERE.parent / "pages.css").read_text(encoding="utf-8")),  # our own file
         titles=POSTERIORS,
         bars={name: list(bars(found["rows"])) for name, found in result["posteriors"].items()},
         gain={name: gain(found["rows"]) for name, found in result["posteriors"].items()},
