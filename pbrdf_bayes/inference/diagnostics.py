@@ -29,7 +29,9 @@ from pbrdf_bayes.inference.rejected import Rejected, together
 from pbrdf_bayes.inference.residuals import Residuals, effective_share
 from pbrdf_bayes.inference.sampling import AUTOCORRELATION_TIMES, RHAT_LIMIT, Draws
 from pbrdf_bayes.inference.verdicts import (
+    BOUND_NEAR,
     BOUND_QUANTILE,
+    BOUND_REACH,
     BOUND_SHARE_WARN,
     CONTRACTION_WARN,
     COVERAGE_CHANCE,
@@ -91,6 +93,23 @@ def contraction(spec: ParameterSpec, values: Array) -> float:
     return float(1.0 - np.var(values) / np.var(prior))
 
 
+def _share_at_bound(spec: ParameterSpec, values: Array) -> float:
+    """Share of the draws in the last per cent of the prior, the larger one of either side.
+
+    Where the prior is flat up to its bound, a value there may be small and well known: it counts
+    only if the posterior reaches the bound.
+    """
+    prior = spec.prior
+    low, high = prior.quantile(np.array([BOUND_QUANTILE, 1.0 - BOUND_QUANTILE]))
+    mean, reach = float(values.mean()), np.inf
+    if prior.kind in ("uniform", "loguniform"):
+        reach = max(BOUND_REACH * float(values.std()), BOUND_NEAR * (prior.high - prior.low))
+    begins = spec.begins_at_null or mean - prior.low > reach
+    at_low = 0.0 if begins else float(np.mean(values < low))
+    at_high = float(np.mean(values > high)) if prior.high - mean <= reach else 0.0
+    return max(at_low, at_high)
+
+
 def assess_identifiability(
     posterior: Posterior, draws: Array, tempered: Array, share: float
 ) -> Identifiability:
@@ -99,13 +118,11 @@ def assess_identifiability(
     for index, spec in enumerate(posterior.specs):
         if spec.kind != "physical":
             continue
-        low, high = spec.prior.quantile(np.array([BOUND_QUANTILE, 1.0 - BOUND_QUANTILE]))
-        at_low = 0.0 if spec.begins_at_null else np.mean(draws[:, index] < low)
         columns.append(index)
         names.append(spec.name)
         plain.append(contraction(spec, draws[:, index]))
         honest.append(contraction(spec, tempered[:, index]))
-        bound.append(max(float(at_low), float(np.mean(draws[:, index] > high))))
+        bound.append(_share_at_bound(spec, draws[:, index]))
     return Identifiability(
         tuple(names), np.array(columns), np.array(plain), np.array(honest), share, np.array(bound)
     )

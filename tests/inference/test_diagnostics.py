@@ -308,6 +308,16 @@ def test_draws_at_a_bound_are_noticed(small_posterior: Posterior) -> None:
     assert found.bound_share[3] < 0.02
 
 
+def test_a_small_value_that_is_well_known_is_not_at_the_bound(small_posterior: Posterior) -> None:
+    """sigma_N0 of a black paint, 0.0086 with an error of a tenth of it, on a prior from 0 to 1."""
+    rng = np.random.default_rng(3)
+    draws = small_posterior.sample_prior(rng, 4000)
+    draws[:, 2] = rng.normal(0.0086, 0.0009, 4000)
+    assert assess_identifiability(small_posterior, draws, draws, 1.0).bound_share[2] == 0.0
+    draws[:, 2] = rng.exponential(0.002, 4000)  # pressed against zero
+    assert assess_identifiability(small_posterior, draws, draws, 1.0).bound_share[2] > 0.9
+
+
 @pytest.mark.parametrize(
     ("covered", "verdict"),
     [
