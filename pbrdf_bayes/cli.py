@@ -12,18 +12,15 @@ import os
 import re
 import signal
 import sys
-import threading
-from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import Any, NoReturn
+from collections.abc import Sequence
+from typing import NoReturn
 
 from pbrdf_bayes import __version__
-from pbrdf_bayes.errors import ConfigError, ConvergenceError, PbrdfError
-
-DONE, BAD_INPUT, NOT_CONVERGED, STRICT_FAIL, INTERRUPTED = 0, 2, 3, 4, 130
+from pbrdf_bayes.arguments import BAD_INPUT, DONE, INTERRUPTED, interrupted
+from pbrdf_bayes.errors import PbrdfError
+from pbrdf_bayes.verbs import add_bench, add_check, add_fit, add_predict, add_report, add_simulate
 
 _SIGNED = ("--theta-i", "--theta-r", "--dhr-theta-i", "--phi-r")
-_OF_SCENE = ("theta_i", "theta_r", "polarization", "dhr_theta_i", "phi_r")
 _EPILOG = """\
 exit codes: 0 done (a QA FAIL is still done; --strict makes it 4), 2 bad input or usage,
 3 the computation did not converge (results kept, marked), 130 interrupted
@@ -68,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = build_parser().parse_args(
         _attach_angles(sys.argv[1:] if arguments is None else arguments)
     )
-    _interrupted.clear()
+    interrupted.clear()
     for kind in (signal.SIGINT, signal.SIGTERM):
         signal.signal(kind, _interrupt)
     try:
@@ -86,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"pbrdf-bayes {options.verb}: the system refused: {error}", file=sys.stderr)
         return BAD_INPUT
     except Exception as error:
-        if _interrupted.is_set():  # compiled code turns the interrupt into an error of its own
+        if interrupted.is_set():  # compiled code turns the interrupt into an error of its own
             return _say_interrupted(error)
         raise
     return code
@@ -115,12 +112,9 @@ def _attach_angles(arguments: Sequence[str]) -> list[str]:
     return attached
 
 
-_interrupted = threading.Event()
-
-
 def _interrupt(*_: object) -> NoReturn:
     """Raise, and remember: an exception that meets a foreign callback is lost there."""
-    _interrupted.set()
+    interrupted.set()
     raise KeyboardInterrupt
 
 
@@ -135,262 +129,6 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"pbrdf-bayes {__version__}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
-    for add in (_add_check, _add_fit, _add_report, _add_predict, _add_simulate, _add_bench):
+    for add in (add_check, add_fit, add_report, add_predict, add_simulate, add_bench):
         add(verbs)
     return parser
-
-
-def _verb(
-    verbs: Any, name: str, run: Callable[[argparse.Namespace], int], text: str, epilog: str = ""
-) -> argparse.ArgumentParser:
-    style = argparse.RawDescriptionHelpFormatter
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        name, help=text, description=text, epilog=epilog, formatter_class=style
-    )
-    parser.set_defaults(run=run)
-    return parser
-
-
-def _add_check(verbs: Any) -> None:
-    parser = _verb(verbs, "check", _check, "Validate a CSV and summarise what it holds.")
-    parser.add_argument("csv", type=Path, metavar="CSV")
-    parser.add_argument("--brdf-floor", type=float, metavar="SR-1",
-                        help="noise-equivalent BRDF; readings up to it are censored")  # fmt: skip
-    parser.add_argument("--config", type=Path, metavar="TOML", help="takes brdf_floor from it")
-
-
-def _add_fit(verbs: Any) -> None:
-    parser = _verb(verbs, "fit", _fit, "Fit a sample: MAP, posterior, diagnostics, report.")
-    parser.add_argument("csv", type=Path, metavar="CSV")
-    parser.add_argument("--sample", metavar="NAME", help="which sample of the file")
-    parser.add_argument("--wavelength", type=float, metavar="UM", help="which wavelength [um]")
-    parser.add_argument("--out", type=Path, metavar="DIR",
-                        help="the run folder itself (default reports/<sample>/<time>)")  # fmt: skip
-    parser.add_argument("--config", type=Path, metavar="TOML", help="choices of the run")
-    parser.add_argument("--accuracy", metavar="LEVEL",
-                        help="draft, standard (default) or reference")  # fmt: skip
-    parser.add_argument("--effects", metavar="NAMES",
-                        help="none (default), auto, or names: lambert,volume")  # fmt: skip
-    parser.add_argument("--seed", type=_seed, default=1, metavar="N", help="seed (default 1)")
-    parser.add_argument("--resume", action="store_true",
-                        help="go on with the run in DIR or start it")  # fmt: skip
-    parser.add_argument("--strict", action="store_true", help="exit 4 when the verdict is FAIL")
-    parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
-
-
-def _add_report(verbs: Any) -> None:
-    parser = _verb(verbs, "report", _report, "Rebuild the report of a run folder.")
-    parser.add_argument("folder", type=Path, metavar="DIR")
-
-
-def _add_predict(verbs: Any) -> None:
-    from pbrdf_bayes.scenes import SCENE_HELP
-
-    parser = _verb(verbs, "predict", _predict,
-                   "Predicted curves, with bands where a run folder is given.",
-                   epilog=SCENE_HELP)  # fmt: skip
-    parser.add_argument("folder", type=Path, metavar="DIR", nargs="?", help="a finished run")
-    _add_parameters(parser, required=False)
-    _add_angles(parser, theta_r="-85:85:1")
-    parser.add_argument("--dhr-theta-i", type=_numbers, default=[], metavar="DEG,...",
-                        help="incidence angles of DHR rows")  # fmt: skip
-    parser.add_argument("--phi-r", type=float, default=0.0, metavar="DEG", help="azimuth (0)")
-    parser.add_argument("--rtol", type=float, default=1e-8, help="tolerance with --params (1e-8)")
-    parser.add_argument("--scene", type=Path, metavar="TOML", help="what is wanted, see below")
-    parser.add_argument("--out", type=Path, metavar="CSV", help="or stdout; for a scene: a folder")
-
-
-def _add_simulate(verbs: Any) -> None:
-    parser = _verb(verbs, "simulate", _simulate, "Write synthetic readings, labelled simulated.")
-    _add_parameters(parser, required=True)
-    _add_angles(parser, theta_r="-80:80:0.5")
-    parser.add_argument("--dhr-theta-i", type=_numbers, metavar="DEG,...",
-                        default=[float(a) for a in range(10, 90, 10)],
-                        help="incidence angles of DHR readings (10,20..80; none: '')")  # fmt: skip
-    parser.add_argument("--sample", default="paint_simulated", metavar="NAME")
-    parser.add_argument("--wavelength", type=float, default=3.39, metavar="UM")
-    parser.add_argument("--seed", type=_seed, default=1, metavar="N", help="seed of the noise")
-    parser.add_argument("--noise", type=float, default=0.02, help="relative noise (0.02)")
-    parser.add_argument("--dhr-noise", type=float, default=0.0005, help="noise of DHR (0.0005)")
-    parser.add_argument("--calibration", type=float, default=0.0,
-                        help="relative sd of the gain of each scan (0)")  # fmt: skip
-    parser.add_argument("--dhr-calibration", type=float, default=0.0,
-                        help="relative sd of the DHR gain of a polarisation (0)")  # fmt: skip
-    parser.add_argument("--out", type=Path, required=True, metavar="CSV")
-
-
-def _add_bench(verbs: Any) -> None:
-    parser = _verb(verbs, "bench", _bench, "What accuracy costs in time on this machine.")
-    parser.add_argument("--quick", action="store_true", help="under a minute")
-    parser.add_argument("--out", type=Path, metavar="DIR", default=None,
-                        help="folder of the page (default reports/accuracy_vs_time)")  # fmt: skip
-
-
-def _add_parameters(parser: argparse.ArgumentParser, *, required: bool) -> None:
-    parser.add_argument(
-        "--params", metavar="JSON", required=required,
-        help='file or text: {"n": 1.526, "k": 0.193, "sigma_n0": 0.4528, "rho0": 0.47}',
-    )  # fmt: skip
-
-
-def _add_angles(parser: argparse.ArgumentParser, *, theta_r: str) -> None:
-    parser.add_argument("--theta-i", type=_numbers, default=[0.0, 20.0, 40.0, 60.0, 80.0],
-                        metavar="DEG,...", help="incidence angles (0,20,40,60,80)")  # fmt: skip
-    parser.add_argument("--theta-r", type=_grid, default=_grid(theta_r), metavar="LO:HI:STEP",
-                        help=f"scattering angles, or a single one ({theta_r})")  # fmt: skip
-    parser.add_argument("--polarization", type=_words, default=["s", "p"], metavar="s,p,u",
-                        help="polarisations (s,p)")  # fmt: skip
-
-
-def _seed(text: str) -> int:
-    if not (text.isdecimal() and len(text) <= 18):
-        msg = f"{text[:40]!r}: give a whole number that is not negative, of up to 18 digits"
-        raise argparse.ArgumentTypeError(msg)
-    return int(text)
-
-
-def _numbers(text: str) -> list[float]:
-    try:
-        return [float(part) for part in text.split(",") if part.strip()]
-    except ValueError:
-        msg = f"{text!r}: give numbers with commas, e.g. 20,40,60"
-        raise argparse.ArgumentTypeError(msg) from None
-
-
-def _grid(text: str) -> list[float]:
-    from pbrdf_bayes.scenes import spaced
-
-    try:
-        return spaced(text if ":" in text else f"{text}:{text}:1", most=1_000_000)
-    except ValueError:
-        msg = f"{text!r}: give one angle, or LO:HI:STEP with STEP > 0, e.g. -80:80:0.5"
-        raise argparse.ArgumentTypeError(msg) from None
-
-
-def _words(text: str) -> list[str]:
-    words = [part.strip() for part in text.split(",") if part.strip()]
-    if not words or any(word not in ("s", "p", "u") for word in words):
-        msg = f"{text!r}: give s, p or u with commas"
-        raise argparse.ArgumentTypeError(msg)
-    return words
-
-
-def _check(options: argparse.Namespace) -> int:
-    from pbrdf_bayes.checking import describe_file
-    from pbrdf_bayes.io.config_toml import read_config
-
-    config = read_config(options.config, {"brdf_floor": options.brdf_floor})
-    text, clean = describe_file(options.csv, brdf_floor=config.brdf_floor)
-    print(text)
-    return DONE if clean else BAD_INPUT
-
-
-def _fit(options: argparse.Namespace) -> int:
-    from pbrdf_bayes.io.config_toml import read_config
-    from pbrdf_bayes.terminal import observer
-    from pbrdf_bayes.workflow import fit_file
-
-    config = read_config(
-        options.config, {"accuracy": options.accuracy, "effects": _effects(options.effects)}
-    )
-    run = fit_file(
-        options.csv, config, sample=options.sample, wavelength_um=options.wavelength,
-        out=options.out, seed=options.seed, resume=options.resume,
-        observer=observer(quiet=options.quiet, interrupted=_interrupted.is_set),
-    )  # fmt: skip
-    print(run.folder)
-    if run.status != "done":
-        error = ConvergenceError(
-            f"{run.folder}: not converged within max_steps; results are kept and marked. "
-            "Raise max_steps in the configuration, and go on with --resume"
-        )
-        print(f"pbrdf-bayes fit: {error}", file=sys.stderr)
-        return NOT_CONVERGED
-    return STRICT_FAIL if options.strict and run.verdict == "FAIL" else DONE
-
-
-def _effects(text: str | None) -> tuple[str, ...] | None:
-    if text is None:
-        return None
-    if text == "none":
-        return ()
-    return tuple(part.strip() for part in text.split(",") if part.strip())
-
-
-def _report(options: argparse.Namespace) -> int:
-    from pbrdf_bayes.workflow import rebuild_report
-
-    print(rebuild_report(options.folder))
-    return DONE
-
-
-def _predict(options: argparse.Namespace) -> int:
-    from pbrdf_bayes.parameters_json import read_parameters
-    from pbrdf_bayes.prediction import predict_table
-
-    if (options.folder is None) == (options.params is None):
-        msg = "give either a run folder or --params, not both and not neither"
-        raise ConfigError(msg)
-    given = (None, None) if options.params is None else read_parameters(options.params)
-    if options.scene is not None:
-        return _predict_scene(options, *given)
-    text = predict_table(
-        folder=options.folder, parameters=given[0], effects=given[1],
-        theta_i_deg=options.theta_i, theta_r_deg=options.theta_r, phi_r_deg=options.phi_r,
-        dhr_theta_i_deg=options.dhr_theta_i, polarizations=options.polarization,
-        rtol=options.rtol,
-    )  # fmt: skip
-    _write_out(text, options.out)
-    return DONE
-
-
-def _predict_scene(options: argparse.Namespace, parameters: Any, effects: Any) -> int:
-    from pbrdf_bayes.scene_files import write_scene
-
-    for name, default in vars(build_parser().parse_args(["predict"])).items():
-        if name in _OF_SCENE and getattr(options, name) != default:
-            msg = f"--{name.replace('_', '-')} with --scene: say it in the scene file instead"
-            raise ConfigError(msg)
-    print(write_scene(options.scene, options.out, folder=options.folder, parameters=parameters,
-                      effects=effects, rtol=options.rtol))  # fmt: skip
-    return DONE
-
-
-def _write_out(text: str, out: Path | None) -> None:
-    if out is None:
-        sys.stdout.write(text)
-        return
-    from pbrdf_bayes.io.run_folder import write_text
-
-    write_text(out, text)
-    print(out)
-
-
-def _simulate(options: argparse.Namespace) -> int:
-    from pbrdf_bayes.io.tidy_csv import write_tidy_csv
-    from pbrdf_bayes.parameters_json import read_parameters
-    from pbrdf_bayes.simulate import simulate_measurement
-
-    parameters, effects = read_parameters(options.params)
-    measurement = simulate_measurement(
-        parameters, effects=effects, seed=options.seed, sample=options.sample,
-        wavelength_um=options.wavelength, theta_i_deg=options.theta_i,
-        theta_r_deg=options.theta_r, dhr_theta_i_deg=options.dhr_theta_i,
-        polarizations=options.polarization, relative_noise=options.noise,
-        dhr_noise=options.dhr_noise, u_brdf_cal=options.calibration,
-        u_dhr_cal=options.dhr_calibration,
-    )  # fmt: skip
-    write_tidy_csv(measurement, options.out)
-    print(options.out)
-    return DONE
-
-
-def _bench(options: argparse.Namespace) -> int:
-    from pbrdf_bayes.bench.run import DEFAULT_FOLDER, run_bench, text_table, write_bench
-
-    result = run_bench(
-        quick=options.quick, told=lambda stage: print(f"{stage} ...", file=sys.stderr)
-    )
-    print(text_table(result))
-    print(write_bench(result, options.out or DEFAULT_FOLDER))
-    return DONE

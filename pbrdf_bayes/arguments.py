@@ -1,0 +1,62 @@
+"""What verbs of the command line share: exit codes, kinds of arguments, their parser."""
+
+from __future__ import annotations
+
+import argparse
+import threading
+from collections.abc import Callable
+from typing import Any
+
+DONE, BAD_INPUT, NOT_CONVERGED, STRICT_FAIL, INTERRUPTED = 0, 2, 3, 4, 130
+
+interrupted = threading.Event()
+"""Set by a signal: an exception that meets a foreign callback is lost there."""
+
+
+def add_verb(
+    verbs: Any, name: str, run: Callable[[argparse.Namespace], int], text: str, epilog: str = ""
+) -> argparse.ArgumentParser:
+    """A sub-parser whose options are handed to ``run``, which returns the exit code."""
+    style = argparse.RawDescriptionHelpFormatter
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name, help=text, description=text, epilog=epilog, formatter_class=style
+    )
+    parser.set_defaults(run=run)
+    return parser
+
+
+def seed(text: str) -> int:
+    """A seed."""
+    if not (text.isdecimal() and len(text) <= 18):
+        msg = f"{text[:40]!r}: give a whole number that is not negative, of up to 18 digits"
+        raise argparse.ArgumentTypeError(msg)
+    return int(text)
+
+
+def numbers(text: str) -> list[float]:
+    """Numbers with commas."""
+    try:
+        return [float(part) for part in text.split(",") if part.strip()]
+    except ValueError:
+        msg = f"{text!r}: give numbers with commas, e.g. 20,40,60"
+        raise argparse.ArgumentTypeError(msg) from None
+
+
+def grid(text: str) -> list[float]:
+    """One angle, or LO:HI:STEP."""
+    from pbrdf_bayes.scenes import spaced
+
+    try:
+        return spaced(text if ":" in text else f"{text}:{text}:1", most=1_000_000)
+    except ValueError:
+        msg = f"{text!r}: give one angle, or LO:HI:STEP with STEP > 0, e.g. -80:80:0.5"
+        raise argparse.ArgumentTypeError(msg) from None
+
+
+def words(text: str) -> list[str]:
+    """Polarisations with commas."""
+    found = [part.strip() for part in text.split(",") if part.strip()]
+    if not found or any(word not in ("s", "p", "u") for word in found):
+        msg = f"{text!r}: give s, p or u with commas"
+        raise argparse.ArgumentTypeError(msg)
+    return found
