@@ -23,7 +23,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("model",),
     ("scan_statistics", "simulate", "polarimetry", "reciprocity", "scene_prediction"),
     ("data_checks", "inference", "io", "report"),
-    ("stages", "curves", "compile_ahead"),
+    ("stages", "curves", "compile_ahead", "design"),
     ("summary", "tree"),
     ("resume",),
     ("workflow",),
@@ -46,7 +46,7 @@ HOMES = {
     "jsonschema": {"io"}, "tomllib": {"io"}, "csv": {"io"}, "argparse": {"arguments", "verbs", "cli"}, "pandas": {"io"},
     "xarray": {"io", "tree", "results"}, "numba": {"physics", "inference", "bench", "compile_ahead"},
     "llvmlite": {"physics.elementary"}, "fcntl": {"io.run_folder"}, "signal": {"cli"},
-    "threadpoolctl": {"inference", "bench"}, "subprocess": {"compile_ahead"}, "pickle": set(), "arviz": set(),
+    "threadpoolctl": {"inference", "bench", "design"}, "subprocess": {"compile_ahead"}, "pickle": set(), "arviz": set(),
     "random": set(), "pathlib": {"io", "resume", "compile_ahead", "workflow", "checking", "parameters_json", "prediction", "scene_files", "arguments", "verbs", "cli", "bench", "validation", "physics.compiled"},
     "os": {"io", "cli", "bench"}, "tempfile": {"io"}, "time": {"inference.choose_effects", "inference.ensembles", "io.checkpoint", "workflow", "bench", "validation"},
 }  # fmt: skip

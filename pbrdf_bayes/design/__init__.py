@@ -1,0 +1,1 @@
+"""Which measurement next: expected information of candidates, for each and for each minute."""

@@ -1,0 +1,159 @@
+"""Several measurements together: the best next ones under a budget of minutes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import reduce
+from itertools import combinations
+from operator import add
+
+import numpy as np
+
+from pbrdf_bayes.design.evaluate import Evaluated, Stage, hemispherical_table
+from pbrdf_bayes.design.nested import Gain, PairTable, expected_gain
+
+_MOST_PAIRS = 150
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Measurements to take together.
+
+    Attributes
+    ----------
+    members : tuple of Evaluated
+        In the order in which they were added.
+    gains : tuple of Gain
+        Of the first, of the first two, and so on: with what they share counted once.
+    minutes : float
+    """
+
+    members: tuple[Evaluated, ...]
+    gains: tuple[Gain, ...]
+    minutes: float
+
+    @property
+    def eig(self) -> float:
+        """Of all together [nat]."""
+        return self.gains[-1].eig if self.gains else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """The best pair of all, beside the greedy one.
+
+    Attributes
+    ----------
+    best, greedy : Batch
+    gap, gap_se : float
+        How much the best pair gives beyond the greedy one [nat].
+    n_compared : int
+    """
+
+    best: Batch
+    greedy: Batch
+    gap: float
+    gap_se: float
+    n_compared: int
+
+
+def joint_table(stage: Stage, members: Sequence[Evaluated]) -> PairTable:
+    """Of all members: given all parameters only DHR and DDR of one polarisation share a gain."""
+    tables = [m.table for m in members if m.reading is None and m.table is not None]
+    for q in "spu":
+        readings = [m.reading for m in members if m.reading is not None]
+        here = [r for r in readings if r.polarization == q]
+        if here:
+            tables.append(hemispherical_table(stage, here))
+    return reduce(add, tables)
+
+
+def joint_gain(stage: Stage, members: Sequence[Evaluated]) -> Gain:
+    """Expected information gain of measurements taken together."""
+    return expected_gain(joint_table(stage, members))
+
+
+def greedy_batch(
+    stage: Stage, candidates: Sequence[Evaluated], *, minutes: float, most: int
+) -> Batch:
+    """Add the candidate that adds most, as long as the budget lasts.
+
+    Once by what it adds and once by what it adds for each minute; the better of both is taken.
+    Where gains diminish that is never worse than half of 1 - 1/e of the optimum (Krause and
+    Guestrin, CMU-CALD-05-103, 2005).
+
+    Parameters
+    ----------
+    stage : Stage
+    candidates : sequence of Evaluated
+        With their tables; each is taken at most once.
+    minutes : float
+        Budget [min]; infinity for none.
+    most : int
+        Measurements at most.
+
+    Returns
+    -------
+    Batch
+        Empty where nothing fits, or nothing adds.
+    """
+    found = [_greedy(stage, candidates, minutes, most, per_minute=flag) for flag in (False, True)]
+    return max(found, key=lambda batch: batch.eig)
+
+
+def _greedy(
+    stage: Stage, candidates: Sequence[Evaluated], minutes: float, most: int, *, per_minute: bool
+) -> Batch:
+    batch = Batch((), (), 0.0)
+    left = list(candidates)
+    while len(batch.members) < most:
+        room = minutes - batch.minutes
+        left = [c for c in left if c.candidate.minutes <= room + 1e-9]
+        options = [(c, joint_gain(stage, [*batch.members, c])) for c in left]
+        if not options:
+            break
+
+        def added(option: tuple[Evaluated, Gain], before: float = batch.eig) -> float:
+            gain = option[1].eig - before
+            return gain / option[0].candidate.minutes if per_minute else gain
+
+        best, gain = max(options, key=added)
+        more = gain.terms - (batch.gains[-1].terms if batch.gains else 0.0)
+        if more.mean() <= more.std(ddof=1) / np.sqrt(more.size):
+            break
+        batch = Batch((*batch.members, best), (*batch.gains, gain),
+                      batch.minutes + best.candidate.minutes)  # fmt: skip
+        left.remove(best)
+    return batch
+
+
+def best_pair(stage: Stage, candidates: Sequence[Evaluated], *, minutes: float) -> Pairs | None:
+    """Compare all pairs of the most promising candidates; None where no pair fits the budget.
+
+    Parameters
+    ----------
+    stage : Stage
+    candidates : sequence of Evaluated
+        With their tables.
+    minutes : float
+        Budget of the pair [min].
+    """
+    ordered = sorted(candidates, key=lambda c: -c.gain.eig)
+    pairs = [
+        pair for pair in combinations(ordered, 2)
+        if sum(c.candidate.minutes for c in pair) <= minutes + 1e-9
+    ]  # fmt: skip
+    pairs.sort(key=lambda pair: -sum(c.gain.eig for c in pair))
+    pairs = pairs[:_MOST_PAIRS]
+    greedy = _greedy(stage, candidates, minutes, 2, per_minute=False)
+    if not pairs or len(greedy.members) < 2:
+        return None
+    gains = [joint_gain(stage, pair) for pair in pairs]
+    i = int(np.argmax([g.eig for g in gains]))
+    best = Batch(pairs[i], (pairs[i][0].gain, gains[i]), sum(c.candidate.minutes for c in pairs[i]))
+    if best.eig < greedy.eig:
+        best = greedy
+    away = best.gains[-1].terms - greedy.gains[-1].terms
+    return Pairs(best, greedy, float(away.mean()),
+                 float(away.std(ddof=1) / np.sqrt(away.size)), len(pairs))  # fmt: skip

@@ -1,0 +1,203 @@
+"""What could be measured next, and what it costs in minutes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbrdf_bayes.errors import ConfigError
+from pbrdf_bayes.measurement import Measurement, name_direction
+from pbrdf_bayes.model import MAX_THETA_I_DEG
+
+QUANTITIES = ("brdf", "dhr", "ddr")
+POLARIZATIONS = ("s", "p", "u")
+MOST_READINGS = 2000
+_LARGEST_PORT_DEG = 45.0
+
+
+@dataclass(frozen=True)
+class Costs:
+    """Minutes at the bench.
+
+    Attributes
+    ----------
+    scan_minutes : float
+        Set-up of a BRDF scan: incidence angle, polariser, alignment [min].
+    dwell_seconds : float
+        A reading of a scan, the move to its angle included [s].
+    dhr_minutes, ddr_minutes : float
+        A DHR or DDR reading, set-up included [min].
+    """
+
+    scan_minutes: float = 5.0
+    dwell_seconds: float = 5.0
+    dhr_minutes: float = 3.0
+    ddr_minutes: float = 3.0
+
+    def of(self, quantity: str, n_readings: int) -> float:
+        """Minutes of a measurement."""
+        if quantity == "brdf":
+            return self.scan_minutes + n_readings * self.dwell_seconds / 60.0
+        return self.dhr_minutes if quantity == "dhr" else self.ddr_minutes
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One measurement that could be taken.
+
+    Attributes
+    ----------
+    quantity : {"brdf", "dhr", "ddr"}
+        A scan of the BRDF, the directional hemispherical reflectance, or the diffuse directional
+        one: the DHR less the light inside a port about the specular direction.
+    polarization : {"s", "p", "u"}
+    theta_i_deg : float
+        Angle of incidence, 0 to 89.95 [deg].
+    minutes : float
+        What it costs, above 0 [min].
+    theta_r_deg : tuple of float
+        Angles of the scan [deg]; empty for DHR and DDR.
+    port_deg : float
+        Half angle of the specular port of a DDR, 0 for others [deg].
+
+    Raises
+    ------
+    ConfigError
+        When a value is not allowed.
+    """
+
+    quantity: str
+    polarization: str
+    theta_i_deg: float
+    minutes: float
+    theta_r_deg: tuple[float, ...] = ()
+    port_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        where = f"candidate {self.quantity} {self.polarization} {self.theta_i_deg:g} deg"
+        _one_of(where, "quantity", self.quantity, QUANTITIES)
+        _one_of(where, "polarization", self.polarization, POLARIZATIONS)
+        _within(where, "theta_i_deg", self.theta_i_deg, 0.0, MAX_THETA_I_DEG)
+        _within(where, "minutes", self.minutes, 1e-6, 1e6)
+        if self.quantity == "brdf":
+            if not 1 <= len(self.theta_r_deg) <= MOST_READINGS:
+                n = len(self.theta_r_deg)
+                msg = f"{where}: a scan has 1 to {MOST_READINGS} readings, not {n}"
+                raise ConfigError(msg)
+            for angle in self.theta_r_deg:
+                _within(where, "theta_r_deg", angle, -90.0, 90.0)
+        elif self.theta_r_deg:
+            msg = f"{where}: theta_r_deg belongs to scans. Leave it out"
+            raise ConfigError(msg)
+        if self.quantity == "ddr":
+            _within(where, "port_deg", self.port_deg, 0.1, _LARGEST_PORT_DEG)
+        elif self.port_deg:
+            msg = f"{where}: port_deg belongs to DDR. Leave it out"
+            raise ConfigError(msg)
+
+    @property
+    def n_readings(self) -> int:
+        """Readings it takes."""
+        return max(len(self.theta_r_deg), 1)
+
+    @property
+    def label(self) -> str:
+        """E.g. ``p scan at 60 deg``, ``DHR_s at 75 deg``, ``DDR_s at 20 deg, port 5 deg``."""
+        if self.quantity == "brdf":
+            return f"{self.polarization} scan at {self.theta_i_deg:g}°"
+        port = f", port {self.port_deg:g}°" if self.port_deg else ""
+        return f"{self.quantity.upper()}_{self.polarization} at {self.theta_i_deg:g}°{port}"
+
+
+def list_candidates(
+    *,
+    quantities: Sequence[str] = QUANTITIES,
+    theta_i_deg: Iterable[float] = tuple(range(0, 90, 5)),
+    polarizations: Sequence[str] = POLARIZATIONS,
+    theta_r_deg: Sequence[float],
+    port_deg: float = 5.0,
+    costs: Costs | None = None,
+) -> tuple[Candidate, ...]:
+    """Every quantity, polarisation and angle of incidence.
+
+    Parameters
+    ----------
+    quantities : sequence of {"brdf", "dhr", "ddr"}
+    theta_i_deg : iterable of float
+        Angles of incidence [deg].
+    polarizations : sequence of {"s", "p", "u"}
+    theta_r_deg : sequence of float
+        Angles of every scan [deg].
+    port_deg : float
+        Half angle of the port of DDR readings [deg].
+    costs : Costs, optional
+
+    Returns
+    -------
+    tuple of Candidate
+
+    Raises
+    ------
+    ConfigError
+
+    Examples
+    --------
+    >>> len(list_candidates(theta_r_deg=range(-80, 81)))
+    162
+    """
+    price = costs or Costs()
+    scan = tuple(float(a) for a in theta_r_deg)
+    angles = [float(a) for a in theta_i_deg]
+    return tuple(
+        Candidate(
+            quantity, q, angle,
+            minutes=price.of(quantity, len(scan)),
+            theta_r_deg=scan if quantity == "brdf" else (),
+            port_deg=port_deg if quantity == "ddr" else 0.0,
+        )
+        for quantity in quantities for q in polarizations for angle in angles
+    )  # fmt: skip
+
+
+def usual_scan(measurement: Measurement) -> tuple[float, ...]:
+    """Angles of a scan as the sample has been scanned so far [deg]; -80 to 80 by 1 without any.
+
+    The widest range and the median spacing, but no more readings than 161.
+    """
+    scans = [measurement.brdf.theta_r_deg[s.rows] for s in measurement.scans if len(s) > 1]
+    if not scans:
+        return tuple(float(a) for a in range(-80, 81))
+    low, high = min(float(s.min()) for s in scans), max(float(s.max()) for s in scans)
+    step = float(np.median(np.concatenate([np.diff(np.unique(s)) for s in scans])))
+    step = max(step, (high - low) / 160.0)
+    n = round((high - low) / step)
+    return tuple(np.round(np.linspace(low, high, n + 1), 6).tolist())
+
+
+def was_measured(candidate: Candidate, measurement: Measurement) -> bool:
+    """Whether the candidate repeats a geometry of the measurement."""
+    if candidate.quantity == "brdf":
+        name = name_direction(candidate.polarization, candidate.theta_i_deg, 0.0)
+        known = (name_direction(s.polarization, s.theta_i_deg, s.phi_r_deg)
+                 for s in measurement.scans)  # fmt: skip
+        return name in known
+    dhr = measurement.dhr
+    same: NDArray[np.bool_] = (dhr.theta_i_deg == candidate.theta_i_deg) & (
+        dhr.polarization == candidate.polarization
+    )
+    return candidate.quantity == "dhr" and bool(same.any())
+
+
+def _one_of(where: str, key: str, value: str, allowed: Sequence[str]) -> None:
+    if value not in allowed:
+        msg = f"{where}: {key} = {value!r} is not known. Allowed: {', '.join(allowed)}"
+        raise ConfigError(msg)
+
+
+def _within(where: str, key: str, value: float, low: float, high: float) -> None:
+    if not low <= value <= high:
+        msg = f"{where}: {key} = {value!r} is not allowed: give a number in [{low:g}, {high:g}]"
+        raise ConfigError(msg)

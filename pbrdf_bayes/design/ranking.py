@@ -1,0 +1,104 @@
+"""Which candidate is best, how sure that is, and which cannot be told apart from it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_N_BOOTSTRAP = 2000
+_CLEAR = 2.0
+"""Standard errors of a paired difference beyond which two candidates are told apart."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """Candidates by one utility.
+
+    Attributes
+    ----------
+    value : ndarray, shape (n_candidates,)
+    p_best : ndarray, shape (n_candidates,)
+        Share of bootstrap samples of the simulated readings in which it is the best.
+    tied : ndarray of bool, shape (n_candidates,)
+        Cannot be told apart from the best: the paired difference is less than two of its standard
+        errors.
+    pareto : ndarray of bool, shape (n_candidates,)
+        No other one gives as much in fewer minutes, or more in as many.
+    """
+
+    value: Array
+    p_best: Array
+    tied: NDArray[np.bool_]
+    pareto: NDArray[np.bool_]
+
+    @property
+    def best(self) -> int:
+        """Index of the best candidate."""
+        return int(np.argmax(self.value))
+
+
+def rank(terms: Array, minutes: Array, *, per_minute: bool, seed: int) -> Ranking:
+    """Rank candidates by their mean contributions.
+
+    Parameters
+    ----------
+    terms : ndarray, shape (n_candidates, n_outer)
+        Contributions of the same simulated paints to every candidate [nat].
+    minutes : ndarray, shape (n_candidates,)
+    per_minute : bool
+        Information for each minute instead of each measurement.
+    seed : int
+        Of the bootstrap.
+
+    Returns
+    -------
+    Ranking
+    """
+    utility = terms / minutes[:, None] if per_minute else terms
+    value = utility.mean(axis=1)
+    n = utility.shape[1]
+    counts = np.random.default_rng([seed, 40]).multinomial(n, np.full(n, 1.0 / n), _N_BOOTSTRAP)
+    means = utility @ counts.T / n
+    winners = np.bincount(means.argmax(axis=0), minlength=len(value))
+    best = int(np.argmax(value))
+    away = utility[best] - utility
+    error = away.std(axis=1, ddof=1) / np.sqrt(n)
+    tied = away.mean(axis=1) <= _CLEAR * error
+    tied[best] = True
+    return Ranking(value, winners / _N_BOOTSTRAP, tied, pareto_front(terms.mean(axis=1), minutes))
+
+
+def pareto_front(gain: Array, minutes: Array) -> NDArray[np.bool_]:
+    """Candidates that no other one beats in gain and minutes, shape (n_candidates,).
+
+    Examples
+    --------
+    >>> pareto_front(np.array([1.0, 0.5, 0.4]), np.array([10.0, 5.0, 6.0])).tolist()
+    [True, True, False]
+    """
+    order = np.lexsort((-gain, minutes))
+    front = np.zeros(gain.size, dtype=bool)
+    most = 0.0
+    for i in order:
+        if gain[i] > most:
+            front[i], most = True, float(gain[i])
+    return front
+
+
+def span_of_angles(angles: Sequence[float]) -> str:
+    """Neighbouring angles as a range: ``55 to 65°``, others with commas.
+
+    Examples
+    --------
+    >>> span_of_angles([60, 55, 65]), span_of_angles([10])
+    ('55 to 65°', '10°')
+    """
+    ordered = sorted(set(angles))
+    if len(ordered) > 2:
+        return f"{ordered[0]:g} to {ordered[-1]:g}°"
+    return " and ".join(f"{a:g}°" for a in ordered)

@@ -1,0 +1,226 @@
+"""The design calculation from beliefs and candidates to a result that can be saved and shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from pbrdf_bayes.design.batches import Batch, Pairs, best_pair, greedy_batch
+from pbrdf_bayes.design.beliefs import Beliefs
+from pbrdf_bayes.design.candidates import Candidate, was_measured
+from pbrdf_bayes.design.evaluate import Evaluated, Stage, evaluate, linear_gains, set_stage
+from pbrdf_bayes.design.goals import Goal, goal_values
+from pbrdf_bayes.design.ranking import Ranking, rank
+from pbrdf_bayes.errors import ConfigError
+
+Array = NDArray[np.float64]
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+_MOST_EVALUATED = 240
+_KEPT = 24
+
+
+@dataclass(frozen=True, kw_only=True)
+class DesignChoices:
+    """Choices of a design calculation.
+
+    Attributes
+    ----------
+    n_outer, n_inner, n_nuisance : int
+        Simulated paints, draws that each is compared with, draws of the nuisance for each.
+    minutes : float
+        Budget of the batch [min]; infinity for none.
+    batch : int
+        Measurements of the batch at most.
+    seed : int
+    threads : int
+        Candidates at a time; results do not depend on it.
+    """
+
+    n_outer: int = 400
+    n_inner: int = 800
+    n_nuisance: int = 12
+    minutes: float = float("inf")
+    batch: int = 4
+    seed: int = 1
+    threads: int = 2
+
+    def __post_init__(self) -> None:
+        limits = {
+            "n_outer": (20, 100_000), "n_inner": (50, 100_000), "n_nuisance": (2, 4096),
+            "batch": (1, 20), "seed": (0, 10**18), "threads": (1, 1024),
+        }  # fmt: skip
+        for name, (low, high) in limits.items():
+            value = getattr(self, name)
+            if not (isinstance(value, int) and low <= value <= high):
+                msg = f"{name} = {value!r} is not allowed: give a whole number in [{low}, {high}]"
+                raise ConfigError(msg)
+        if not self.minutes > 0.0:
+            msg = f"minutes = {self.minutes!r} is not allowed: give a number above 0"
+            raise ConfigError(msg)
+
+
+@dataclass(frozen=True, eq=False)
+class DesignResult:
+    """What a design calculation found.
+
+    Attributes
+    ----------
+    evaluated : tuple of Evaluated
+        Candidates of tier 1, in the order given.
+    linear, linear_se : ndarray, shape (n_candidates,)
+        Tier 0 of all candidates that were given [nat].
+    candidates : tuple of Candidate
+        All that were given.
+    chosen : ndarray of int
+        Index of each of ``evaluated`` among them.
+    repeats : ndarray of bool, shape (n_evaluated,)
+        Geometry measured before.
+    by_gain, by_minute : Ranking
+        Of ``evaluated``.
+    quantities : tuple of str
+        Names of the columns of ``sd_ratio``: parameters, then goals.
+    sd_before : ndarray, shape (n_quantities,)
+        Standard deviation before; that of ln for a BRDF or a ratio.
+    batch : Batch
+    pairs : Pairs or None
+    about : tuple of str
+    choices : DesignChoices
+    """
+
+    evaluated: tuple[Evaluated, ...]
+    linear: Array
+    linear_se: Array
+    candidates: tuple[Candidate, ...]
+    chosen: NDArray[np.int64]
+    repeats: NDArray[np.bool_]
+    by_gain: Ranking
+    by_minute: Ranking
+    quantities: tuple[str, ...]
+    sd_before: Array
+    batch: Batch
+    pairs: Pairs | None
+    about: tuple[str, ...]
+    choices: DesignChoices
+
+
+def design_measurements(
+    beliefs: Beliefs, candidates: Sequence[Candidate], *, choices: DesignChoices | None = None,
+    goals: Sequence[Goal] = (), told: Callable[[str, int, int], None] = lambda *_: None,
+) -> DesignResult:  # fmt: skip
+    """Expected information of every candidate, and the best ones together.
+
+    Parameters
+    ----------
+    beliefs : Beliefs
+    candidates : sequence of Candidate
+        Of many, the most promising by tier 0 go on to tier 1.
+    choices : DesignChoices, optional
+    goals : sequence of Goal
+        Predictions whose expected sharpening is wanted.
+    told : callable
+        Told the stage, and how many of how many candidates are done.
+
+    Returns
+    -------
+    DesignResult
+
+    Raises
+    ------
+    ConfigError
+        When there is no candidate, or there are too few draws.
+    """
+    wanted = choices or DesignChoices()
+    if not candidates:
+        msg = "there is no candidate: give at least one measurement to consider"
+        raise ConfigError(msg)
+    with threadpool_limits(1):
+        stage = set_stage(
+            beliefs, n_outer=wanted.n_outer, n_inner=wanted.n_inner,
+            n_nuisance=wanted.n_nuisance, seed=wanted.seed,
+        )  # fmt: skip
+        linear = np.array(_each(
+            lambda c: linear_gains(stage, c), candidates, wanted.threads, told, "screening"
+        ))  # fmt: skip
+        level, minutes = linear.mean(axis=1), np.array([c.minutes for c in candidates])
+        chosen = _promising(level, minutes, _MOST_EVALUATED)
+        kept = set(_promising(level, minutes, _KEPT).tolist())
+        own, inner, names = _quantities(stage, goals, candidates)
+        evaluated = tuple(_each(
+            lambda i: evaluate(stage, candidates[i], own, inner, keep=i in kept),
+            chosen.tolist(), wanted.threads, told, "simulating",
+        ))  # fmt: skip
+        told("combining", 0, 1)
+        with_tables = [e for e in evaluated if e.table is not None]
+        batch = greedy_batch(stage, with_tables, minutes=wanted.minutes, most=wanted.batch)
+        pairs = best_pair(stage, with_tables, minutes=wanted.minutes) if wanted.batch > 1 else None
+        told("combining", 1, 1)
+    terms = np.array([e.gain.terms for e in evaluated])
+    measurement = beliefs.posterior.measurement
+    return DesignResult(
+        evaluated=evaluated,
+        linear=level,
+        linear_se=linear.std(axis=1, ddof=1) / np.sqrt(linear.shape[1]),
+        candidates=tuple(candidates),
+        chosen=chosen,
+        repeats=np.array([
+            beliefs.measured and was_measured(e.candidate, measurement) for e in evaluated
+        ]),
+        by_gain=rank(terms, minutes[chosen], per_minute=False, seed=wanted.seed),
+        by_minute=rank(terms, minutes[chosen], per_minute=True, seed=wanted.seed),
+        quantities=names,
+        sd_before=np.concatenate([own, inner]).std(axis=0, ddof=1),
+        batch=batch,
+        pairs=pairs,
+        about=beliefs.about,
+        choices=wanted,
+    )  # fmt: skip
+
+
+def _promising(level: Array, minutes: Array, most: int) -> NDArray[np.int64]:
+    """Candidates with the largest tier 0, half of them for each minute, in the order given."""
+    if level.size <= most:
+        return np.arange(level.size)
+    by_gain = np.argsort(-level, kind="stable")
+    by_minute = np.argsort(-level / minutes, kind="stable")
+    ordered = np.stack([by_gain, by_minute], axis=1).ravel()
+    _, first = np.unique(ordered, return_index=True)
+    return np.sort(ordered[np.sort(first)][:most])
+
+
+def _quantities(
+    stage: Stage, goals: Sequence[Goal], candidates: Sequence[Candidate]
+) -> tuple[Array, Array, tuple[str, ...]]:
+    """Parameters and goals at the outer and inner sets; a scan counts by its mean variance."""
+    b = stage.beliefs
+    columns = [b.posterior.parameter_names.index(name) for name in b.about]
+    own, inner = [stage.outer.x[:, columns]], [stage.inner.x[:, columns]]
+    scan = next((c.theta_r_deg for c in candidates if c.theta_r_deg), tuple(range(-80, 81)))
+    for goal in goals:
+        angles = np.array(scan)[:: max(1, len(scan) // 20)]
+        own.append(goal_values(b.posterior, goal, stage.outer.x, angles))
+        inner.append(goal_values(b.posterior, goal, stage.inner.x, angles))
+    names = [*b.about]
+    for goal, values in zip(goals, own[1:], strict=True):
+        names += [goal.label] * values.shape[1]
+    return np.concatenate(own, axis=1), np.concatenate(inner, axis=1), tuple(names)
+
+
+def _each(
+    work: Callable[[Item], Result], items: Sequence[Item], threads: int,
+    told: Callable[[str, int, int], None], stage: str,
+) -> list[Result]:  # fmt: skip
+    """Results in the order of the items, with progress."""
+    found: list[Result] = []
+    with ThreadPoolExecutor(threads) as pool:
+        for result in pool.map(work, items):
+            found.append(result)
+            told(stage, len(found), len(items))
+    return found

@@ -1,0 +1,272 @@
+"""The law of the readings of a BRDF scan that could be taken, and draws of them.
+
+A scan at a geometry that was measured shares the discrepancy of the model with the readings there:
+its law is that of both together over that of the old ones,
+
+    p(new | x, data) = p(old, new | x) / p(old | x),
+
+so that a repeat of what is known well tells nothing new.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbrdf_bayes.design.beliefs import Beliefs, DrawnSets
+from pbrdf_bayes.design.candidates import Candidate
+from pbrdf_bayes.design.pairs import matched_log_likelihoods, pair_log_likelihoods
+from pbrdf_bayes.inference.correlated import group_gradient
+from pbrdf_bayes.inference.discrepancy import Process, draw_prior_discrepancy
+from pbrdf_bayes.inference.groups import prepare_groups, set_variances, workspace
+from pbrdf_bayes.inference.matern import MISSING
+from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.inference.residuals import floored
+from pbrdf_bayes.measurement import Scan
+from pbrdf_bayes.physics.geometry import Geometry, prepare_geometry
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_TINY = 1e-280
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedScan:
+    """The rows of a scan, together with those measured at its geometry.
+
+    Attributes
+    ----------
+    polarization : str
+    geometry : Geometry
+        Of the rows in the order of theta_r.
+    theta_r_deg : ndarray, shape (n_rows,)
+    scan : ndarray of int, shape (n_rows,)
+        Scan of a row; that of new rows is the last one.
+    new : ndarray of bool, shape (n_rows,)
+    y : ndarray, shape (n_rows,)
+        ln of the readings that there are.
+    """
+
+    polarization: str
+    geometry: Geometry
+    theta_r_deg: Array
+    scan: Index
+    new: NDArray[np.bool_]
+    y: Array
+
+
+@dataclass(frozen=True, eq=False)
+class RowLaw:
+    """Law of the rows of a scan under parameter sets: arrays of shape (n_sets, n_rows)."""
+
+    mean: Array
+    share: Array
+    variance: Array
+    sets: DrawnSets
+
+    def with_noise_of(self, sets: DrawnSets, polarization: str) -> RowLaw:
+        """The same curves with other noise: n of ``sets`` in turn for each curve."""
+        n = len(sets) // len(self.sets)
+        white = sets.variance[polarization] - np.repeat(self.sets.variance[polarization], n)
+        mean, share, variance = (
+            np.repeat(part, n, axis=0) for part in (self.mean, self.share, self.variance)
+        )
+        return RowLaw(mean, share, variance + white[:, None], sets)
+
+    def of(self, rows: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+        """Mean, share and variance of some rows, as the kernels take them."""
+        if rows.all():
+            return self.mean, self.share, self.variance
+        return (
+            np.ascontiguousarray(self.mean[:, rows]), np.ascontiguousarray(self.share[:, rows]),
+            np.ascontiguousarray(self.variance[:, rows]),
+        )  # fmt: skip
+
+
+def plan_scan(beliefs: Beliefs, candidate: Candidate, bright: NDArray[np.bool_]) -> PlannedScan:
+    """Put the rows of a candidate and those measured at its geometry in order.
+
+    Parameters
+    ----------
+    beliefs : Beliefs
+    candidate : Candidate
+    bright : ndarray of bool, shape (n_readings,)
+        Readings expected above the floor: only these count.
+
+    Returns
+    -------
+    PlannedScan
+    """
+    p = beliefs.posterior
+    theta_r = np.array(candidate.theta_r_deg)[bright]
+    old = _measured_there(p, candidate) if beliefs.measured else []
+    rows = [np.arange(s.start, s.stop) for s in old]
+    rows = [r[~p.rows.censored[r]] for r in rows]
+    angles = np.concatenate([*(p.measurement.brdf.theta_r_deg[r] for r in rows), theta_r])
+    y = np.concatenate([*(p.rows.y[r] for r in rows), np.zeros(theta_r.size)])
+    lengths = [*(r.size for r in rows), theta_r.size]
+    scan = np.repeat(np.arange(len(lengths)), lengths)
+    order = np.argsort(angles, kind="stable")
+    return PlannedScan(
+        polarization=candidate.polarization,
+        geometry=scan_geometry(candidate.theta_i_deg, angles[order], candidate.polarization),
+        theta_r_deg=angles[order],
+        scan=scan[order],
+        new=scan[order] == len(lengths) - 1,
+        y=y[order],
+    )
+
+
+def scan_geometry(theta_i_deg: float, theta_r_deg: Array, polarization: str) -> Geometry:
+    """Geometry of rows in the plane of incidence, of one polarisation."""
+    n = theta_r_deg.size
+    return prepare_geometry(
+        theta_i=np.full(n, np.deg2rad(theta_i_deg)), theta_r=np.deg2rad(theta_r_deg),
+        phi_r=np.zeros(n), polarization=np.full(n, polarization),
+        dhr_theta_i=np.zeros(0), dhr_polarization=np.zeros(0, np.str_),
+    )  # fmt: skip
+
+
+def _measured_there(posterior: Posterior, candidate: Candidate) -> list[Scan]:
+    """Scans of the same discrepancy; without one, repeats tell nothing of each other."""
+    if posterior.discrepancy is None:
+        return []
+    return [
+        s for s in posterior.measurement.scans
+        if (s.theta_i_deg, s.polarization, s.phi_r_deg)
+        == (candidate.theta_i_deg, candidate.polarization, 0.0)
+    ]  # fmt: skip
+
+
+def law_of_rows(beliefs: Beliefs, planned: PlannedScan, sets: DrawnSets, brdf: Array) -> RowLaw:
+    """Law of the rows where the model gives ``brdf``, shape (n_sets, n_rows) [sr^-1]."""
+    floor2 = beliefs.posterior.rows.floor2
+    variance = np.repeat(sets.variance[planned.polarization][:, None], brdf.shape[1], axis=1)
+    share = np.ones(brdf.shape)
+    if floor2 > 0.0:
+        share = brdf**2 / (brdf**2 + floor2)
+        variance += 1.0 - share
+    return RowLaw(floored(np.log(np.maximum(brdf, _TINY)), floor2), share, variance, sets)
+
+
+def draw_scans(beliefs: Beliefs, planned: PlannedScan, law: RowLaw, *, seed: int) -> Array:
+    """One scan for every parameter set, given what was measured at its geometry.
+
+    Parameters
+    ----------
+    beliefs : Beliefs
+    planned : PlannedScan
+    law : RowLaw
+        Of the sets that the scans are drawn from.
+    seed : int
+        Set i has a generator of its own, the same for every candidate: differences between
+        candidates are then known better than their values.
+
+    Returns
+    -------
+    ndarray, shape (n_rows, n_sets)
+        ln of the readings; old rows hold what was measured.
+    """
+    p = beliefs.posterior
+    rough = p.discrepancy is not None and p.discrepancy.groups.rough
+    u_cal = float(np.sqrt(p.rows.u_cal2))
+    new, theta_r = planned.new, planned.theta_r_deg
+    n = int(new.sum())
+    zeros = np.zeros(n, dtype=np.int64)
+    result = np.repeat(planned.y[:, None], len(law.sets), axis=1)
+    conditional = None if new.all() else _Conditional(planned, rough=rough, u_cal=u_cal)
+    for i in range(len(law.sets)):
+        rng = np.random.default_rng([seed, 22, i])
+        noise, gain = rng.standard_normal(n), u_cal * rng.standard_normal()
+        process = Process(float(law.sets.tau[i]), float(law.sets.ell_deg[i]), u_cal, rough=rough)
+        path = np.zeros(n)
+        if process.tau > 0.0 and conditional is not None:
+            path = conditional.draw(process, law, i, rng)
+        elif process.tau > 0.0:
+            path = draw_prior_discrepancy(process, rng, theta_r_deg=theta_r, group=zeros)
+        result[new, i] = (
+            law.mean[i, new] + law.share[i, new] * (gain + path)
+            + np.sqrt(law.variance[i, new]) * noise
+        )  # fmt: skip
+    return result
+
+
+class _Conditional:
+    """Draws of the discrepancy at new rows given the old ones, see `draw_discrepancy`.
+
+    The order of the rows is that of all draws: it is prepared once.
+    """
+
+    def __init__(self, planned: PlannedScan, *, rough: bool, u_cal: float) -> None:
+        self._planned, self._u_cal = planned, u_cal
+        self._old = ~planned.new
+        self._n_old = int(self._old.sum())
+        angles = planned.theta_r_deg
+        self._angles = np.concatenate([angles[self._old], angles[planned.new]])
+        self._group = np.zeros(angles.size, dtype=np.int64)
+        scan = np.concatenate(
+            [planned.scan[self._old], np.zeros(angles.size - self._n_old, np.int64)]
+        )
+        self._groups = prepare_groups(self._angles, self._group, scan, rough=rough)
+        self._work = workspace(self._groups, True)
+        self._base = np.zeros(self._groups.size.size)
+
+    def draw(self, process: Process, law: RowLaw, i: int, rng: np.random.Generator) -> Array:
+        planned, old, n = self._planned, self._old, self._n_old
+        h = np.maximum(law.share[i, old], 1e-6)
+        variance = law.variance[i, old] / h**2
+        path = draw_prior_discrepancy(process, rng, theta_r_deg=self._angles, group=self._group)
+        gain = self._u_cal * rng.standard_normal(int(planned.scan.max()))[planned.scan[old]]
+        simulated = path[:n] + gain + np.sqrt(variance) * rng.standard_normal(n)
+        left = (planned.y[old] - law.mean[i, old]) / h - simulated
+        wanted = self._angles.size - n
+        set_variances(
+            self._groups, self._work, np.concatenate([variance, np.full(wanted, MISSING)])
+        )
+        out = np.empty((4, self._angles.size))
+        padded = np.concatenate([left, np.zeros(wanted)])
+        group_gradient(
+            self._groups, self._work, padded, self._base, process.u_cal**2, process.tau,
+            process.ell, out,
+        )  # fmt: skip
+        return np.asarray(path[n:] + out[2, n:])
+
+
+def scan_log_likelihoods(
+    beliefs: Beliefs, planned: PlannedScan, y: Array, law: RowLaw, *, matched: bool
+) -> Array:
+    """Log-density of drawn scans given the old readings, under parameter sets.
+
+    Parameters
+    ----------
+    beliefs : Beliefs
+    planned : PlannedScan
+    y : ndarray, shape (n_rows, n_simulated)
+    law : RowLaw
+        Of n_sets sets.
+    matched : bool
+        The sets belong to the simulated scans one after the other, instead of all to all.
+
+    Returns
+    -------
+    ndarray, shape (n_simulated, n_sets) or (n_simulated, n_sets / n_simulated)
+    """
+    p = beliefs.posterior
+    rough = p.discrepancy is not None and p.discrepancy.groups.rough
+    u_cal2, sets = p.rows.u_cal2, law.sets
+    kernel = matched_log_likelihoods if matched else pair_log_likelihoods
+    every = np.ones(planned.new.size, dtype=bool)
+    found = kernel(
+        y, planned.theta_r_deg, planned.scan, *law.of(every), sets.tau, sets.ell_deg, rough, u_cal2
+    )
+    old = ~planned.new
+    if old.any():
+        alone = pair_log_likelihoods(
+            np.ascontiguousarray(planned.y[old][:, None]), planned.theta_r_deg[old],
+            planned.scan[old], *law.of(old), sets.tau, sets.ell_deg, rough, u_cal2,
+        )  # fmt: skip
+        found = found - alone.reshape(-1, found.shape[1]) if matched else found - alone
+    return np.asarray(found)
