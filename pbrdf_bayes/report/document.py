@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from pbrdf_bayes.report.numbers import count
+
 Record = Mapping[str, Any]
 _FRONT = {
     "report_number": "Report number",
@@ -78,7 +80,7 @@ def uncertainty_text(summary: Record) -> list[str]:
     """The statement of uncertainty in the terms of JCGM 100:2008 and JCGM 101:2008."""
     sampling = summary["sampling"]
     how = _HOW.get(str(sampling["method"]), "draws")
-    n = f"{sampling['n_draws']:,d}".replace(",", "\u202f")
+    n = count(sampling["n_draws"])
     words = (
         "The number after ± is the standard uncertainty u (JCGM 100:2008, 2.3.1): the standard "
         "deviation of the distribution that the readings, the model and the priors give to the "
