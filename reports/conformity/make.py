@@ -7,6 +7,7 @@ angles of incidence with noise of 3 % (DHR: 0.002) and fitted as drafts. Everyth
 command line. ``tests/test_conformity_page.py`` repeats one paint and checks the page.
 """
 
+# ruff: noqa: E501
 from __future__ import annotations
 
 import json
@@ -77,7 +78,7 @@ def section(paint: str, found: dict[str, Any]) -> str:
 <div class="scroll"><table>
 <thead><tr><th>Limit</th><th>Tolerance</th><th>Estimate ± u</th><th>Where</th><th>Probability of conformity</th><th>Verdict</th></tr></thead>
 <tbody>{rows}</tbody></table></div>
-<div class="pair">{panels.replace('name="conform', f'name="{paint}')}</div>
+<div class="pair">{panels}</div>
 </section>"""
 
 
