@@ -23,6 +23,7 @@ from pbrdf_bayes.arguments import (
     words,
 )
 from pbrdf_bayes.errors import ConfigError, ConvergenceError
+from pbrdf_bayes.verbs_conform import add_paperwork, paperwork_of
 
 _OF_SCENE = ("theta_i", "theta_r", "polarization", "dhr_theta_i", "phi_r")
 
@@ -54,12 +55,14 @@ def add_fit(verbs: Any) -> None:
                         help="go on with the run in DIR or start it")  # fmt: skip
     parser.add_argument("--strict", action="store_true", help="exit 4 when the verdict is FAIL")
     parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
+    add_paperwork(parser, limits=True)
 
 
 def add_report(verbs: Any) -> None:
     """The verb ``report``."""
     parser = add_verb(verbs, "report", _report, "Rebuild the report of a run folder.")
     parser.add_argument("folder", type=Path, metavar="DIR")
+    add_paperwork(parser, limits=False)
 
 
 def add_predict(verbs: Any) -> None:
@@ -146,6 +149,7 @@ def _fit(options: argparse.Namespace) -> int:
     run = fit_file(
         options.csv, config, sample=options.sample, wavelength_um=options.wavelength,
         out=options.out, seed=options.seed, resume=options.resume,
+        paperwork=paperwork_of(options),
         observer=observer(quiet=options.quiet, interrupted=interrupted.is_set),
     )  # fmt: skip
     print(run.folder)
@@ -168,9 +172,9 @@ def _effects(text: str | None) -> tuple[str, ...] | None:
 
 
 def _report(options: argparse.Namespace) -> int:
-    from pbrdf_bayes.workflow import rebuild_report
+    from pbrdf_bayes.paperwork import amend_folder
 
-    print(rebuild_report(options.folder))
+    print(amend_folder(options.folder, paperwork_of(options)))
     return DONE
 
 

@@ -53,6 +53,7 @@ from pbrdf_bayes.io.config_toml import config_from_table, config_to_toml
 from pbrdf_bayes.io.tidy_csv import read_measurement
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.model import check_directions
+from pbrdf_bayes.paperwork import Paperwork, amend_folder, complete, write_pdf
 from pbrdf_bayes.report.page import render_report
 from pbrdf_bayes.results import Analysis, drawn_sets
 from pbrdf_bayes.resume import (
@@ -263,6 +264,7 @@ def fit_file(
     out: Path | None = None,
     seed: int = DEFAULT_SEED,
     resume: bool = False,
+    paperwork: Paperwork | None = None,
     observer: Observer | None = None,
 ) -> FitRun:
     """From the CSV of a sample to its run folder and report.
@@ -282,6 +284,8 @@ def fit_file(
         A finished run in ``out`` is returned as it is; an unfinished one goes on from its
         checkpoint, to the draws that it would have had without the interruption. One that did not
         converge goes on where ``max_steps`` is larger now.
+    paperwork : Paperwork, optional
+        Limits to be judged, items of the report, and the report as PDF; for a finished run too.
     observer : Observer, optional
 
     Returns
@@ -296,7 +300,8 @@ def fit_file(
         ``out`` holds a run already or a different one, is in use by another process, has a damaged
         checkpoint, or cannot be written.
     """
-    clock = _Clock(observer or Observer())
+    clock, wanted = _Clock(observer or Observer()), paperwork or Paperwork()
+    wanted.check()
     with clock.stage("read"):
         measurement = read_measurement(
             csv, sample=sample, wavelength_um=wavelength_um, brdf_floor=config.brdf_floor
@@ -309,6 +314,8 @@ def fit_file(
     if resume and run_folder.is_finished(folder):
         summary = finished_summary(folder, as_finished(posterior, config, folder), seed)
         if not can_walk_on(folder, summary, config):
+            if wanted.amends or wanted.pdf:
+                amend_folder(folder, wanted)
             return FitRun(folder, summary["status"], summary["verdict"])
     with run_folder.locked(folder):
         config, choice = _chosen_effects(measurement, config, seed, clock)
@@ -321,13 +328,24 @@ def fit_file(
         checkpoints = open_checkpoints(folder, run_identity(posterior, seed))
         with going_on(checkpoints):
             analysis = _fit_posterior(posterior, checks, seed, clock, checkpoints, choice)
+            analysis = _completed(analysis, wanted, clock)
             report = _render(analysis, clock)
         told = [f"sample {measurement.sample!r}, seed {seed}", *clock.log]
         log = "\n".join([*told, *history(checkpoints, analysis.summary), ""])
         run_folder.save_analysis(analysis, folder, report=report, log=log)
         if analysis.summary["status"] == "done":
             remove_checkpoints(folder)
+        if wanted.pdf:
+            with clock.stage("print"):
+                write_pdf(folder, report)
     return FitRun(folder, analysis.summary["status"], analysis.summary["verdict"])
+
+
+def _completed(analysis: Analysis, wanted: Paperwork, clock: _Clock) -> Analysis:
+    if not wanted.amends:
+        return analysis
+    with clock.stage("judge limits" if wanted.specification is not None else "fill in"):
+        return complete(analysis, wanted)
 
 
 def _render(analysis: Analysis, clock: _Clock) -> str:
@@ -344,19 +362,6 @@ def _refuse_other_content(folder: Path, *, resume: bool) -> None:
     if visible and not resume:
         msg = f"{folder}: not empty ({', '.join(visible[:3])}). Add --resume, or give another --out"
         raise RunFolderError(msg)
-
-
-def rebuild_report(folder: Path) -> Path:
-    """Make the report again from the run folder; returns its path.
-
-    Raises
-    ------
-    RunFolderError
-    """
-    analysis = run_folder.load_analysis(folder)
-    with run_folder.locked(folder):
-        run_folder.write_text(folder / run_folder.REPORT, render_report(analysis))
-    return folder / run_folder.REPORT
 
 
 def predict_from_analysis(analysis: Analysis, targets: Targets) -> Bands:

@@ -194,8 +194,22 @@ def test_readmes_examples_of_priors_are_accepted():
     assert described["rho0"].startswith("LogNormal(median 0.3, factor 2")
 
 
+def test_readmes_limits_and_items_are_accepted() -> None:
+    from dataclasses import fields
+
+    from pbrdf_bayes.document import Document
+    from pbrdf_bayes.io.limits_toml import specification_from_table
+
+    found = specification_from_table(tomllib.loads(block_with("toml", "[[limit]]")))
+    assert [limit.name for limit in found.limits] == ["glare", "shade"]
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    listed = re.search(r"only the laboratory knows: `([^`]*)`", text)
+    assert listed is not None
+    assert re.split(r",\s+", listed[1]) == [f.name for f in fields(Document)]
+
+
 def test_readmes_scene_is_accepted():
-    scene = scene_from_table(tomllib.loads(block_with("toml", "theta_r_deg = ")))
+    scene = scene_from_table(tomllib.loads(block_with("toml", "stokes_incident = ")))
     assert scene.n_directions == 2 * 35 * 37
     assert scene.stokes_incident == "u"
 

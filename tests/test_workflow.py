@@ -22,12 +22,12 @@ from pbrdf_bayes.inference.bands import Targets
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.io.run_folder import finite_only, load_analysis, save_analysis, validate_summary
 from pbrdf_bayes.measurement import select_scans
+from pbrdf_bayes.paperwork import Paperwork, amend_folder
 from pbrdf_bayes.results import QUANTILES, Analysis
 from pbrdf_bayes.workflow import (
     Observer,
     fit_file,
     predict_from_analysis,
-    rebuild_report,
 )
 
 NAMES = ["n", "k", "sigma_n0", "rho0", "s_rel_s", "s_rel_p", "tau", "ell_deg", "u_dhr"]
@@ -86,7 +86,7 @@ def test_a_report_from_disk_is_the_one_made_from_memory(finished_run: Path, tmp_
     folder = Path(shutil.copytree(finished_run, tmp_path / "run"))
     before = (folder / "report.html").read_bytes()
     (folder / "report.html").unlink()
-    assert rebuild_report(folder) == folder / "report.html"
+    assert amend_folder(folder, Paperwork()) == folder / "report.html"
     assert (folder / "report.html").read_bytes() == before
 
 

@@ -28,6 +28,11 @@ def ess_tail(draws: Array) -> Array:
     return np.where(_is_fixed(draws), draws[..., 0].size, np.asarray(found))
 
 
+def ess_of_mean(values: Array) -> float:
+    """Effective sample size of the mean of one quantity, shape (n_chains, n_draws)."""
+    return float(array_stats.ess(values, chain_axis=0, draw_axis=1, method="mean"))
+
+
 def mcse_mean(draws: Array) -> Array:
     """Monte Carlo standard error of the mean of each parameter, shape (n_par,)."""
     found = np.asarray(array_stats.mcse(draws, chain_axis=0, draw_axis=1, method="mean"))

@@ -26,6 +26,7 @@ SUMMARY = "summary.json"
 POSTERIOR = "posterior.nc"
 CONFIG = "config.toml"
 REPORT = "report.html"
+PDF = "report.pdf"
 LOG = "log.txt"
 LOCK = ".lock"
 _PART = ".part"
@@ -216,6 +217,23 @@ def save_analysis(analysis: Analysis, folder: Path, *, report: str, log: str) ->
     write_text(folder / LOG, log)
     write_text(folder / REPORT, report)
     write_text(folder / SUMMARY, json.dumps(summary, indent=1, ensure_ascii=False) + "\n")
+
+
+def amend_run(folder: Path, summary: Mapping[str, Any], *, report: str) -> None:
+    """Replace summary and report of a finished run; only with the lock in hand.
+
+    A PDF of the report that was there goes: it would say something else.
+
+    Raises
+    ------
+    RunFolderError
+        When the folder cannot be written, or the summary does not follow its schema.
+    """
+    plain = finite_only(summary)
+    validate_summary(plain, where=str(folder))
+    (folder / PDF).unlink(missing_ok=True)
+    write_text(folder / REPORT, report)
+    write_text(folder / SUMMARY, json.dumps(plain, indent=1, ensure_ascii=False) + "\n")
 
 
 def load_analysis(folder: Path) -> Analysis:

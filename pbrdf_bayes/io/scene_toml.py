@@ -55,19 +55,26 @@ def scene_from_table(table: Mapping[str, Any]) -> Scene:
     values = dict(table)
     for key in ANGLES:
         if key in values:
-            values[key] = _angles(key, values[key])
+            values[key] = angles_of(key, values[key])
     words = values.get("polarizations")
     if words is not None:
         values["polarizations"] = tuple(words) if isinstance(words, list) else (words,)
     return Scene(**values)
 
 
-def _angles(key: str, value: Any) -> tuple[Any, ...]:
+def angles_of(key: str, value: Any) -> tuple[Any, ...]:
+    """Angles [deg] of one number, a list or the text ``"LO:HI:STEP"``.
+
+    Raises
+    ------
+    ConfigError
+        The text is no such thing.
+    """
     if isinstance(value, str):
         return _grid(key, value)
     if isinstance(value, list):
         return tuple(float(x) if type(x) is int else x for x in value)
-    return _angles(key, [value])
+    return angles_of(key, [value])
 
 
 def _grid(key: str, text: str) -> tuple[float, ...]:

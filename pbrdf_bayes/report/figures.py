@@ -20,6 +20,7 @@ from pbrdf_bayes.report.arrays import (
     width_curves_of,
 )
 from pbrdf_bayes.report.figures_brdf import MOST_POINTS, key_picture, plane_pictures
+from pbrdf_bayes.report.figures_conformity import conformity_pictures
 from pbrdf_bayes.report.figures_dhr import dhr_pictures
 from pbrdf_bayes.report.figures_pit import MOST_SCANS, pit_picture
 from pbrdf_bayes.report.figures_planes import (
@@ -53,6 +54,7 @@ class Figures:
     widths: list[Picture]
     corner: Picture | None
     chains: list[Picture]
+    conformity: list[Picture]
     remarks: dict[str, str] = field(default_factory=dict)
 
 
@@ -96,6 +98,7 @@ def _draw(analysis: Analysis) -> Figures:
         widths=width_pictures(width_curves_of(analysis), scan_widths_of(analysis)),
         corner=corner_picture(physical) if physical else None,
         chains=chain_pictures(samples, ensembles_of(analysis)),
+        conformity=conformity_pictures(analysis.summary),
         remarks=_remarks(len(planes), len(scans), max((s.value.size for s in scans), default=0)),
     )
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from importlib.resources import files
 from typing import Any
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from pbrdf_bayes.report import structure, tables, texts
+from pbrdf_bayes.report import conformity, document, structure, tables, texts
 from pbrdf_bayes.report.arrays import draws_of
 from pbrdf_bayes.report.figures import Figures, draw_figures
 from pbrdf_bayes.report.numbers import count
@@ -17,6 +18,8 @@ from pbrdf_bayes.report.panel import LOOKS
 from pbrdf_bayes.results import Analysis
 
 TITLES = {
+    "document": "The measurement",
+    "conformity": "Conformity",
     "parameters": "Parameters",
     "measured": "BRDF at the measured angles",
     "between": "BRDF at angles not measured",
@@ -30,6 +33,7 @@ TITLES = {
     "data": "Data",
     "model": "Model and priors",
     "cost": "Accuracy and cost",
+    "uncertainty": "Statement of uncertainty",
     "provenance": "Provenance",
 }
 VERDICT_WORDS = {"PASS": "Pass", "WARN": "Warning", "FAIL": "Fail", "SKIP": "Not applicable"}
@@ -69,6 +73,7 @@ def environment() -> Environment:
         finalize=_finalize,
     )
     found.filters["symbols"] = _with_symbols
+    found.filters["css_string"] = _as_css_string
     return found
 
 
@@ -82,6 +87,11 @@ def _with_symbols(text: str) -> Markup:
     for typed, set_as in SYMBOLS.items():
         safe = re.sub(typed, set_as, safe)
     return Markup(safe)  # the text was escaped above
+
+
+def _as_css_string(text: str) -> Markup:
+    """A text as a string of a style sheet."""
+    return Markup(document.css_string(_finalize(text)))  # only letters, digits and escapes
 
 
 def _finalize(value: Any) -> Any:
@@ -108,6 +118,7 @@ def _context(analysis: Analysis) -> dict[str, Any]:
         **_front(analysis),
         **_contents(analysis, figures),
         **_checks(analysis),
+        **_paperwork(summary),
         "figures": figures,
         "looks": looks,
         "n_dhr": summary["input"]["n_dhr"],
@@ -158,6 +169,27 @@ def _front(analysis: Analysis) -> dict[str, Any]:
     }
 
 
+def _paperwork(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """What a laboratory states, limits and verdicts, and the statement of uncertainty."""
+    found = summary.get("conformity")
+    items = document.given(summary)
+    return {
+        "document": {key: items.get(key, "") for key in document.KEYS},
+        "has_document": bool(items),
+        "document_front": document.front_items(summary),
+        "document_details": document.detail_items(summary),
+        "not_given": document.not_given(summary),
+        "signatures": document.signatures(summary),
+        "uncertainty": document.uncertainty_text(summary),
+        "conformity_verdict": conformity.WORDS[found["verdict"]] if found else "",
+        "conformity_look": conformity.LOOK_OF[found["verdict"]] if found else "",
+        "conformity_text": conformity.conformity_text(summary),
+        "conformity_rule": conformity.rule_text(found) if found else "",
+        "conformity_measurand": conformity.measurand_text(found) if found else "",
+        "limit_rows": conformity.limit_rows(summary),
+    }
+
+
 def _contents(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     """Sections of this run with their numbers and titles."""
     absent = {
@@ -168,6 +200,8 @@ def _contents(analysis: Analysis, figures: Figures) -> dict[str, Any]:
         "leave_one_out": not analysis.summary.get("leave_one_out"),
         "holdout": not (analysis.summary["holdout"] or analysis.summary.get("holdouts")),
     }
+    absent["document"] = not analysis.summary.get("document")
+    absent["conformity"] = not analysis.summary.get("conformity")
     absent["structure"] = not {"reciprocity", "scan_widths"} & set(analysis.summary)
     sections = [name for name in TITLES if not absent.get(name, False)]
     numbers = {name: number for number, name in enumerate(sections, start=1)}

@@ -1,0 +1,226 @@
+"""The verdict on the limits of a specification, as a record of the summary.
+
+Draws of the sample and of a reference are independent, and so are then errors of calibration that
+the two have in common: they would cancel in a difference, which is so stated too uncertain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbrdf_bayes.errors import ConfigError, DomainError
+from pbrdf_bayes.inference.applicability import APPLIES, DOES_NOT_APPLY
+from pbrdf_bayes.inference.conformity import Judged, Measurand, Overall, judge_limits
+from pbrdf_bayes.io.run_folder import finite_only
+from pbrdf_bayes.measurands import Sample, draw_measurands, sample_of
+from pbrdf_bayes.model import DOMAIN, MAX_THETA_I_DEG, checked_angles
+from pbrdf_bayes.physics.scene import EffectValues
+from pbrdf_bayes.results import Analysis
+from pbrdf_bayes.specification import Limit, Specification, one_of
+
+Array = NDArray[np.float64]
+
+PARAMETERS = (*DOMAIN, *EffectValues._fields)
+"""What a limit on a parameter may name."""
+
+
+def check_specification(specification: Specification) -> None:
+    """Refuse limits on what the model does not have, or at angles where it is not defined.
+
+    Raises
+    ------
+    ConfigError
+        Names file, limit, key, value and what is allowed.
+    """
+    for limit in specification.limits:
+        try:
+            if limit.quantity == "parameter":
+                one_of("parameter", limit.parameter, PARAMETERS)
+            checked_angles("theta_i_deg", limit.theta_i_deg, 0.0, MAX_THETA_I_DEG)
+            checked_angles("theta_r_deg", limit.theta_r_deg, -90.0, 90.0)
+            checked_angles("phi_r_deg", [limit.phi_r_deg], -360.0, 360.0)
+        except (ConfigError, DomainError) as error:
+            where = f"{specification.source}: " if specification.source else ""
+            msg = f"{where}limit {limit.name!r}: {error}"
+            raise ConfigError(msg) from None
+
+
+def assess_conformity(
+    analysis: Analysis, specification: Specification, reference: Analysis | None = None
+) -> dict[str, Any]:
+    """Verdicts on the limits of a specification, for ``summary["conformity"]``.
+
+    Parameters
+    ----------
+    analysis : Analysis
+        The sample.
+    specification : Specification
+    reference : Analysis, optional
+        The sample that differences are to.
+
+    Returns
+    -------
+    dict
+        Plain values; its schema is in ``pbrdf_bayes/io/summary.schema.json``.
+
+    Raises
+    ------
+    ConfigError
+        See `check_specification`; differences without a reference, a reference without
+        differences, or the same run twice.
+    """
+    check_specification(specification)
+    _check_reference(analysis, specification, reference)
+    sample = sample_of(analysis)
+    values = draw_measurands(sample, specification.limits)
+    ess = sample.ess_least
+    of_reference: dict[str, Array] = {}
+    other = None
+    if reference is not None:
+        other = sample_of(reference)
+        ess = min(ess, other.ess_least)
+        of_reference = _shuffled(other, specification, len(sample.x))
+    measurands = []
+    for limit in specification.limits:
+        found, reserved = values[limit.name], _reservation(limit, sample)
+        if limit.difference and other is not None:
+            found = _difference(limit, found, of_reference[limit.name])
+            reserved = reserved or _of_reference(_reservation(limit, other))
+        cube = found.reshape(*sample.shape, -1)
+        measurands.append(Measurand(cube, limit.lower, limit.upper, limit.guard, reserved))
+    judged, overall = judge_limits(measurands, specification.decision, ess_least=ess)
+    record = _record(sample, specification, judged, overall, reference)
+    return dict(finite_only(record))
+
+
+def _check_reference(
+    analysis: Analysis, specification: Specification, reference: Analysis | None
+) -> None:
+    if specification.needs_reference and reference is None:
+        msg = "the limits have a [[difference]]: give the run folder of the other with --reference"
+        raise ConfigError(msg)
+    if reference is not None and not specification.needs_reference:
+        msg = (
+            "--reference without any [[difference]] in the limits: add one, e.g. "
+            '[[difference]] name = "n", parameter = "n", tolerance = 0.02'
+        )
+        raise ConfigError(msg)
+    if reference is not None:
+        same = all(
+            analysis.summary[key] == reference.summary[key]
+            for key in ("input", "seed", "created_utc")
+        )
+        if same:
+            msg = "--reference is the run itself; its draws are not independent. Give another run"
+            raise ConfigError(msg)
+        waves = [a.summary["wavelength_um"] for a in (analysis, reference)]
+        if waves[0] != waves[1]:
+            msg = (
+                f"--reference was measured at {waves[1]:g} um, the sample at {waves[0]:g} um. "
+                "Give a reference of the same wavelength"
+            )
+            raise ConfigError(msg)
+
+
+def _shuffled(other: Sample, specification: Specification, n: int) -> dict[str, Array]:
+    """Measurands of the reference, its draws in random order beside those of the sample."""
+    wanted = [limit for limit in specification.limits if limit.difference]
+    values = draw_measurands(other, wanted)
+    rng = np.random.default_rng([int(other.analysis.summary["seed"]), 9])
+    order = np.concatenate([rng.permutation(len(other.x)) for _ in range(-(-n // len(other.x)))])
+    return {name: found[order[:n]] for name, found in values.items()}
+
+
+def _difference(limit: Limit, sample: Array, reference: Array) -> Array:
+    if limit.quantity == "parameter":
+        return sample - reference
+    return np.asarray(np.log10(sample) - np.log10(reference))
+
+
+def _reservation(limit: Limit, sample: Sample) -> str:
+    """Why no verdict may be given on a limit; empty where one may."""
+    summary = sample.analysis.summary
+    applicability = summary["applicability"]["verdict"]
+    if summary["status"] != "done":
+        return "the sampler did not converge"
+    if applicability == DOES_NOT_APPLY:
+        return "the model does not apply to this sample"
+    if limit.quantity == "parameter":
+        row = summary["parameters"].get(limit.parameter)
+        if row is None:
+            return f"{limit.parameter} is no parameter of this fit"
+        if row["kind"] == "fixed":
+            return f"{limit.parameter} was held fixed, not measured"
+        if not row["identified"]:
+            return f"the readings do not identify {limit.parameter}: the prior would decide"
+    if applicability != APPLIES:
+        if limit.quantity == "parameter":
+            return "the model is descriptive only: its parameters are no properties of the sample"
+        if limit.quantity == "dhr" or sample.posterior.discrepancy is None:
+            return "the model is descriptive only, and what it misses here is not known"
+    return "" if summary["verdict"] != "FAIL" else "the fit failed its checks (verdict FAIL)"
+
+
+def _of_reference(reason: str) -> str:
+    return f"reference: {reason}" if reason else ""
+
+
+def _record(
+    sample: Sample, specification: Specification, judged: tuple[Judged, ...], overall: Overall,
+    reference: Analysis | None,
+) -> dict[str, Any]:  # fmt: skip
+    rows = zip(specification.limits, judged, strict=True)
+    with_paths = "tau" in sample.posterior.parameter_names
+    return {
+        "specification": specification.title,
+        "decision_rule": asdict(specification.decision),
+        "verdict": overall.verdict,
+        "reason": overall.reason,
+        "probability": asdict(overall.probability),
+        "consumer_risk": overall.consumer_risk,
+        "producer_risk": overall.producer_risk,
+        "n_draws": len(sample.x),
+        "discrepancy": with_paths,
+        "reference": None if reference is None else {
+            "sample": reference.summary["sample"], "verdict": reference.summary["verdict"],
+            "created_utc": reference.summary["created_utc"],
+            "sha256": reference.summary["input"]["sha256"],
+        },
+        "limits": [_limit_record(limit, found) for limit, found in rows],
+    }  # fmt: skip
+
+
+def _limit_record(limit: Limit, found: Judged) -> dict[str, Any]:
+    theta_i = np.repeat(limit.theta_i_deg, max(len(limit.theta_r_deg), 1)).tolist()
+    theta_r = np.tile(limit.theta_r_deg, max(len(limit.theta_i_deg), 1)).tolist()
+    return {
+        "name": limit.name,
+        "quantity": limit.quantity,
+        "parameter": limit.parameter,
+        "polarization": limit.polarization,
+        "phi_r_deg": limit.phi_r_deg,
+        "difference": limit.difference,
+        "unit": limit.unit,
+        "lower": limit.lower if isfinite(limit.lower) else None,
+        "upper": limit.upper if isfinite(limit.upper) else None,
+        "verdict": found.verdict,
+        "reason": found.reason,
+        "judged": found.judged,
+        "probability": asdict(found.probability),
+        "consumer_risk": found.consumer_risk,
+        "producer_risk": found.producer_risk,
+        "worst": found.worst,
+        "theta_i_deg": theta_i,
+        "theta_r_deg": theta_r if limit.quantity not in ("parameter", "dhr") else [],
+        "mean": found.mean.tolist(),
+        "u": found.sd.tolist(),
+        "q025": found.low.tolist(),
+        "q975": found.high.tolist(),
+        "inside": found.inside.tolist(),
+        "guard": found.guard.tolist(),
+    }

@@ -1,0 +1,144 @@
+"""What a laboratory puts on its report: one frozen record of texts and dates.
+
+The items are those that ISO/IEC 17025:2017, clause 7.8, lists for reports and that this program
+cannot know. They are printed as they were given; whether a report meets the standard is for the
+laboratory to say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, fields
+from datetime import date
+from itertools import pairwise
+from typing import Any
+
+from pbrdf_bayes.config import did_you_mean
+from pbrdf_bayes.errors import ConfigError
+
+SHORT, LONG = 200, 2000
+DATES = ("date_received", "date_measured", "date_issued")
+LONG_ITEMS = (
+    "laboratory_address", "place", "customer_address", "item_description", "item_condition",
+    "method", "deviations", "sampling", "environment", "traceability", "decision_rule", "note",
+)  # fmt: skip
+"""Items that may have several lines and up to `LONG` characters."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Document:
+    """The items of a report; what is empty was not given.
+
+    Attributes
+    ----------
+    title, report_number : str
+        Up to `SHORT` characters; the number stands on every printed page.
+    laboratory, laboratory_address, place : str
+        Name and address, and where the measurements were made.
+    customer, customer_address : str
+    item_description, item_condition, item_id : str
+        The sample, its state on receipt, its label.
+    date_received, date_measured, date_issued : str
+        ISO 8601 dates; ``date_measured`` may be an interval, "2026-03-02/2026-03-05".
+    method, deviations, sampling : str
+        Method of measurement, what was done otherwise, how the sample was taken.
+    environment, traceability, decision_rule : str
+        Ambient conditions; to which standards readings are traceable; a rule agreed upon.
+    operator, authorised_by, note : str
+        Who measured, who answers for the report, and the operator's note.
+
+    Raises
+    ------
+    ConfigError
+        The message names the key, the value and what is allowed.
+    """
+
+    title: str = ""
+    report_number: str = ""
+    laboratory: str = ""
+    laboratory_address: str = ""
+    place: str = ""
+    customer: str = ""
+    customer_address: str = ""
+    item_description: str = ""
+    item_condition: str = ""
+    item_id: str = ""
+    date_received: str = ""
+    date_measured: str = ""
+    date_issued: str = ""
+    method: str = ""
+    deviations: str = ""
+    sampling: str = ""
+    environment: str = ""
+    traceability: str = ""
+    decision_rule: str = ""
+    operator: str = ""
+    authorised_by: str = ""
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        for key, value in asdict(self).items():
+            _check_text(key, value)
+        if not any(asdict(self).values()):
+            msg = "no item is given: give at least one, or leave the file away"
+            raise ConfigError(msg)
+        self._check_order()
+
+    def _check_order(self) -> None:
+        known = [(key, _days(key, getattr(self, key))) for key in DATES]
+        given = [(key, days) for key, days in known if days]
+        for (before, first), (after, then) in pairwise(given):
+            if then[0] < first[0] or (after == "date_issued" and then[0] < first[-1]):
+                msg = (
+                    f"{after} = {getattr(self, after)!r} is before {before} = "
+                    f"{getattr(self, before)!r}"
+                )
+                raise ConfigError(msg)
+
+
+def check_document_keys(given: Iterable[str]) -> None:
+    """Refuse keys that `Document` does not have, with the nearest one it has.
+
+    Raises
+    ------
+    ConfigError
+    """
+    known = [f.name for f in fields(Document)]
+    for key in given:
+        if key not in known:
+            msg = f"unknown key {key!r}.{did_you_mean(key, known)} Known: {', '.join(known)}"
+            raise ConfigError(msg)
+
+
+def _check_text(key: str, value: Any) -> None:
+    most = LONG if key in LONG_ITEMS else SHORT
+    if not isinstance(value, str):
+        msg = f"{key} = {value!r} is not allowed: give text in quotes"
+        raise ConfigError(msg)
+    if len(value) > most:
+        msg = f"{key}: {len(value)} characters; allowed are {most}. Shorten it, or refer to a file"
+        raise ConfigError(msg)
+    lines = value.split("\n") if key in LONG_ITEMS else [value]
+    if not all(line.replace("\t", " ").isprintable() for line in lines):
+        msg = (
+            f"{key} = {value[:60]!r} has characters that cannot be printed"
+            + ("" if key in LONG_ITEMS else ", or a line break, which this item may not have")
+            + ". Take them out"
+        )
+        raise ConfigError(msg)
+
+
+def _days(key: str, text: str) -> tuple[date, ...]:
+    """Dates of an item, in order; none where it is empty."""
+    if not text:
+        return ()
+    parts = text.split("/") if key == "date_measured" else [text]
+    try:
+        days = tuple(date.fromisoformat(part) for part in parts)
+    except ValueError:
+        days = ()
+    if not 1 <= len(days) <= 2 or list(days) != sorted(days):
+        also = ', or from/to: "2026-03-02/2026-03-05"' if key == "date_measured" else ""
+        msg = f"{key} = {text[:60]!r} is not allowed: give a date as 2026-03-02{also}"
+        raise ConfigError(msg)
+    return days

@@ -1,0 +1,248 @@
+"""Draws of what the limits of a specification are on.
+
+What is limited is the measurand, not a new reading: noise, gains of scans and effects of the
+instrument are not in it. For a parameter it is the parameter. For a BRDF it is the BRDF of the
+sample, that of the model times exp(delta): delta is the discrepancy of the likelihood, a Matérn
+process along theta_r of amplitude tau and length ell_deg, one path for each angle of incidence,
+plane and polarisation, drawn along with the parameters. Where a geometry was measured the path is
+drawn given its readings; elsewhere from its law, as it is where the likelihood is filtered (floor,
+Student's t), which only widens it. The DHR has no discrepancy of its own. All limits share the
+same draws and paths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbrdf_bayes.config import ACCURACIES
+from pbrdf_bayes.effects import INSTRUMENT_FIELDS
+from pbrdf_bayes.inference.discrepancy import Process, draw_prior_discrepancy
+from pbrdf_bayes.inference.discrepancy_paths import draw_paths_given
+from pbrdf_bayes.inference.posterior import Posterior, build_posterior
+from pbrdf_bayes.io.config_toml import config_from_table
+from pbrdf_bayes.measurement import name_half_plane
+from pbrdf_bayes.model import DOMAIN, digits_of
+from pbrdf_bayes.physics.geometry import prepare_geometry
+from pbrdf_bayes.physics.scene import EffectValues
+from pbrdf_bayes.results import Analysis
+from pbrdf_bayes.scene_prediction import DrawnModel
+from pbrdf_bayes.specification import Limit
+from pbrdf_bayes.tree import measurement_of
+
+Array = NDArray[np.float64]
+Key = tuple[float, float, str]
+"""Angle of incidence [deg], azimuth of the plane [deg], polarisation."""
+
+_MOST_DRAWS = 4000
+_NONE, _NO_WORDS = np.zeros(0), np.zeros(0, np.str_)
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Draws of a run, chain by chain: flat they have shape (n_chains * n_draws, n_names)."""
+
+    analysis: Analysis
+    posterior: Posterior
+    x: Array
+    shape: tuple[int, int]
+
+    @property
+    def ess_least(self) -> float:
+        """Smallest effective sample size of a parameter, at most the number of draws kept."""
+        rows = self.analysis.summary["parameters"].values()
+        found = [min(p["ess_bulk"], p["ess_tail"]) for p in rows if p["kind"] != "fixed"]
+        return float(min(*found, len(self.x)))
+
+
+def sample_of(analysis: Analysis) -> Sample:
+    """Draws of a run, evenly thinned where there are more than are needed."""
+    config = config_from_table(analysis.summary["config"])
+    posterior = build_posterior(measurement_of(analysis), config)
+    group = analysis.draws["posterior"].to_dataset()
+    cube = np.stack([group[name].values for name in posterior.parameter_names], axis=-1)
+    step = -(-cube.shape[0] * cube.shape[1] // _MOST_DRAWS)
+    kept = cube[:, ::step]
+    return Sample(analysis, posterior, kept.reshape(-1, cube.shape[-1]), kept.shape[:2])
+
+
+def draw_measurands(sample: Sample, limits: Iterable[Limit]) -> dict[str, Array]:
+    """Draws of what each limit is on, shape (n_draws, n_points), by the name of the limit."""
+    limits = list(limits)
+    rng = np.random.default_rng([int(sample.analysis.summary["seed"]), 8])
+    drawn = _model(sample)
+    asked: dict[Key, set[float]] = {}
+    for limit in limits:
+        for key, theta_r in _points(limit):
+            asked.setdefault(key, set()).add(theta_r)
+    brdf = _draw_brdf(sample, drawn, {key: np.array(sorted(v)) for key, v in asked.items()}, rng)
+    found = {}
+    for limit in limits:
+        if limit.quantity == "parameter":
+            found[limit.name] = _parameter(sample, limit.parameter)
+        elif limit.quantity == "dhr":
+            found[limit.name] = _dhr(drawn, limit)
+        else:
+            found[limit.name] = _of_brdf(limit, brdf)
+    return found
+
+
+def _parameter(sample: Sample, name: str) -> Array:
+    names = sample.posterior.parameter_names
+    if name not in names:  # a reservation says so
+        return np.full((len(sample.x), 1), np.nan)
+    return sample.x[:, [names.index(name)]]
+
+
+def _model(sample: Sample) -> DrawnModel:
+    """The model without what the instrument does."""
+    config, names = sample.posterior.config, sample.posterior.parameter_names
+    kept = (*DOMAIN, *(name for name in EffectValues._fields if name in names))
+    x = np.ascontiguousarray(sample.x[:, [names.index(name) for name in kept]])
+    digits = digits_of(ACCURACIES[config.accuracy].rtol)
+    found = DrawnModel(x, kept, config.line_shape, config.fresnel_at, digits, {})
+    return found.without(INSTRUMENT_FIELDS)
+
+
+def _words(limit: Limit) -> tuple[str, ...]:
+    """Polarisations whose BRDF a limit needs."""
+    if limit.quantity == "brdf_ratio":
+        return "s", "p"
+    return (limit.polarization,) if limit.quantity == "brdf" else ()
+
+
+def _points(limit: Limit) -> list[tuple[Key, float]]:
+    """Group and signed scattering angle of the points of a limit on BRDF, a polarisation each."""
+    theta_r, phi_r = name_half_plane(
+        np.array(limit.theta_r_deg), np.full(len(limit.theta_r_deg), limit.phi_r_deg)
+    )
+    return [
+        ((float(theta_i), float(phi), q), float(theta))
+        for q in _words(limit)
+        for theta_i in limit.theta_i_deg
+        for theta, phi in zip(theta_r, phi_r, strict=True)
+    ]
+
+
+def _draw_brdf(
+    sample: Sample, drawn: DrawnModel, asked: Mapping[Key, Array], rng: np.random.Generator
+) -> dict[Key, tuple[Array, Array]]:
+    """Scattering angles and draws of the BRDF of the sample, by group."""
+    if not asked:
+        return {}
+    keys = list(asked)
+    sizes = [asked[key].size for key in keys]
+    theta_i, phi_r = (np.repeat([key[i] for key in keys], sizes) for i in (0, 1))
+    theta_r = np.concatenate([asked[key] for key in keys])
+    geometry = prepare_geometry(
+        theta_i=np.deg2rad(theta_i), theta_r=np.deg2rad(theta_r), phi_r=np.deg2rad(phi_r),
+        polarization=np.repeat([key[2] for key in keys], sizes),
+        dhr_theta_i=_NONE, dhr_polarization=_NO_WORDS,
+    )  # fmt: skip
+    values = drawn.evaluate(geometry)[0]
+    if "tau" in sample.posterior.parameter_names:
+        values = values * np.exp(draw_paths(sample.posterior, sample.x, asked, rng))
+    starts = np.cumsum([0, *sizes])
+    return {
+        key: (asked[key], values[:, a:b])
+        for key, a, b in zip(keys, starts[:-1], starts[1:], strict=True)
+    }
+
+
+def draw_paths(
+    posterior: Posterior, x: Array, asked: Mapping[Key, Array], rng: np.random.Generator
+) -> Array:
+    """One path of the discrepancy for each draw, at the angles of groups [deg].
+
+    Parameters
+    ----------
+    posterior : Posterior
+        With a correlated discrepancy.
+    x : ndarray, shape (n_draws, n_par)
+        Physical units.
+    asked : mapping of tuple to ndarray
+        Increasing scattering angles by angle of incidence, azimuth and polarisation.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    ndarray, shape (n_draws, n_points)
+        In ln BRDF, group after group.
+    """
+    laws = [_law(posterior, row) for row in x]
+    return np.concatenate(
+        [_paths_of_group(posterior, x, laws, key, theta_r, rng) for key, theta_r in asked.items()],
+        axis=1,
+    )
+
+
+def _paths_of_group(
+    posterior: Posterior, x: Array, laws: Sequence[Process], key: Key, theta_r: Array,
+    rng: np.random.Generator,
+) -> Array:  # fmt: skip
+    """Given the readings of a geometry that was measured, otherwise from the law alone."""
+    seen = _readings_of(posterior, x, key)
+    if seen is not None:
+        return draw_paths_given(laws, rng, wanted_deg=theta_r, **seen)
+    group = np.zeros(theta_r.size, dtype=np.int64)
+    return np.stack(
+        [draw_prior_discrepancy(law, rng, theta_r_deg=theta_r, group=group) for law in laws]
+    )
+
+
+def _law(posterior: Posterior, row: Array) -> Process:
+    names = posterior.parameter_names
+    return Process(
+        tau=float(row[names.index("tau")]), ell=float(row[names.index("ell_deg")]),
+        u_cal=float(np.sqrt(posterior.rows.u_cal2)),
+        rough=posterior.config.discrepancy == "matern-1/2",
+    )  # fmt: skip
+
+
+def _readings_of(posterior: Posterior, x: Array, key: Key) -> dict[str, Any] | None:
+    """Rows of a measured group, their residuals and variances by draw; None where not used."""
+    m, rows, law = posterior.measurement, posterior.rows, posterior.discrepancy
+    mine = [
+        (number, scan) for number, scan in enumerate(m.scans)
+        if (scan.theta_i_deg, scan.phi_r_deg, scan.polarization) == key
+    ]  # fmt: skip
+    if not mine or law is None or posterior.filtered is not None or rows.floor2 > 0.0:
+        return None
+    at = np.concatenate([np.arange(len(m.brdf))[scan.rows] for _, scan in mine])
+    brdf = m.brdf
+    geometry = prepare_geometry(
+        theta_i=np.deg2rad(brdf.theta_i_deg[at]), theta_r=np.deg2rad(brdf.theta_r_deg[at]),
+        phi_r=np.deg2rad(brdf.phi_r_deg[at]), polarization=brdf.polarization[at],
+        dhr_theta_i=_NONE, dhr_polarization=_NO_WORDS,
+    )  # fmt: skip
+    return {
+        "read_deg": brdf.theta_r_deg[at],
+        "scan": np.repeat([number for number, _ in mine], [len(scan) for _, scan in mine]),
+        "residual": rows.y[at] - np.log(posterior.predict(x, geometry)[0]),
+        "variance": x[:, [rows.noise_column[mine[0][0]]]] ** 2 + law.stated2[at],
+    }
+
+
+def _of_brdf(limit: Limit, brdf: Mapping[Key, tuple[Array, Array]]) -> Array:
+    """Draws at the points of a limit on BRDF or on the ratio of s to p."""
+    columns = []
+    for key, theta_r in _points(limit):
+        angles, values = brdf[key]
+        columns.append(values[:, np.searchsorted(angles, theta_r)])
+    found = np.stack(columns, axis=1)
+    if limit.quantity == "brdf_ratio":
+        found = found[:, : limit.n_points] / found[:, limit.n_points :]
+    return found
+
+
+def _dhr(drawn: DrawnModel, limit: Limit) -> Array:
+    angles = np.deg2rad(limit.theta_i_deg)
+    geometry = prepare_geometry(
+        theta_i=_NONE, theta_r=_NONE, phi_r=_NONE, polarization=_NO_WORDS, dhr_theta_i=angles,
+        dhr_polarization=np.repeat([limit.polarization], angles.size),
+    )  # fmt: skip
+    return drawn.evaluate(geometry)[1]

@@ -1,0 +1,111 @@
+"""What goes with a run beside its fit: verdicts on limits, a laboratory's items, the PDF."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from pbrdf_bayes.assessment import assess_conformity, check_specification
+from pbrdf_bayes.document import Document
+from pbrdf_bayes.errors import ConfigError, RunFolderError
+from pbrdf_bayes.io import run_folder
+from pbrdf_bayes.io.print_pdf import find_browser, print_pdf
+from pbrdf_bayes.report.page import render_report
+from pbrdf_bayes.results import Analysis
+from pbrdf_bayes.specification import Specification
+
+
+@dataclass(frozen=True)
+class Paperwork:
+    """What is wanted with a run; by default nothing.
+
+    Attributes
+    ----------
+    specification : Specification or None
+        Limits to be judged.
+    document : Document or None
+        Items of the report.
+    pdf : bool
+        The report as PDF too.
+    """
+
+    specification: Specification | None = None
+    document: Document | None = None
+    pdf: bool = False
+
+    def check(self) -> None:
+        """Refuse what cannot be had, before anything is computed.
+
+        Raises
+        ------
+        ConfigError
+            Differences, which need a reference, or a PDF without a browser.
+        """
+        if self.specification is not None:
+            check_specification(self.specification)
+        if self.specification is not None and self.specification.needs_reference:
+            msg = (
+                "--limits has a [[difference]], which needs a reference: fit without it, then "
+                "pbrdf-bayes conform DIR --limits TOML --reference DIR2 --save"
+            )
+            raise ConfigError(msg)
+        if self.pdf:
+            find_browser()
+
+    @property
+    def amends(self) -> bool:
+        """The summary of a run changes by it."""
+        return self.specification is not None or self.document is not None
+
+
+def complete(analysis: Analysis, wanted: Paperwork) -> Analysis:
+    """The analysis with verdicts and items in its summary."""
+    added: dict[str, Any] = {}
+    if wanted.specification is not None:
+        added["conformity"] = assess_conformity(analysis, wanted.specification)
+    if wanted.document is not None:
+        added["document"] = asdict(wanted.document)
+    return replace(analysis, summary={**analysis.summary, **added}) if added else analysis
+
+
+def amend_folder(folder: Path, wanted: Paperwork) -> Path:
+    """Judge, fill in and make the report again from the run folder; returns its path.
+
+    Raises
+    ------
+    ConfigError, RunFolderError
+    """
+    wanted.check()
+    analysis = complete(run_folder.load_analysis(folder), wanted)
+    return store(folder, analysis, pdf=wanted.pdf)
+
+
+def store(folder: Path, analysis: Analysis, *, pdf: bool = False) -> Path:
+    """Replace summary and report of a finished run, and print it; returns the last file written.
+
+    Raises
+    ------
+    RunFolderError
+    """
+    report = render_report(analysis)
+    with run_folder.locked(folder):
+        run_folder.amend_run(folder, analysis.summary, report=report)
+        return write_pdf(folder, report) if pdf else folder / run_folder.REPORT
+
+
+def write_pdf(folder: Path, report: str) -> Path:
+    """Print a report into its folder; only with the lock in hand.
+
+    Raises
+    ------
+    RunFolderError
+        The browser failed; the run is complete without it.
+    """
+    try:
+        content = print_pdf(report)
+    except RunFolderError as error:
+        msg = f"{error}. The run is complete; try again with pbrdf-bayes report {folder} --pdf"
+        raise RunFolderError(msg) from None
+    run_folder.write_bytes(folder / run_folder.PDF, content)
+    return folder / run_folder.PDF

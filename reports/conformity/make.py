@@ -1,0 +1,127 @@
+"""Three simulated paints against one specification: accepted, rejected, undecided.
+
+python reports/conformity/make.py
+
+The paints are the published green one with other grazing-absorption factors, simulated at three
+angles of incidence with noise of 3 % (DHR: 0.002) and fitted as drafts. Everything goes through the
+command line. ``tests/test_conformity_page.py`` repeats one paint and checks the page.
+"""
+
+# ruff: noqa: E501
+from __future__ import annotations
+
+import json
+import tempfile
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from pbrdf_bayes.cli import main
+from pbrdf_bayes.report.conformity import probability_text, rule_text, tolerance_text, where_text
+from pbrdf_bayes.report.figures_conformity import conformity_pictures
+from pbrdf_bayes.report.numbers import rounded
+from pbrdf_bayes.report.svg import figure_style
+
+HERE = Path(__file__).parent
+LIMITS = HERE / "limits.toml"
+PAINTS = {"paint_a": 0.40, "paint_b": 0.56, "paint_c": 0.487}
+"""Grazing-absorption factor of each paint."""
+SEEDS = {"paint_a": 11, "paint_b": 12, "paint_c": 13}
+KEPT = ("name", "quantity", "polarization", "difference", "unit", "lower", "upper", "verdict",
+        "reason", "judged", "probability", "worst", "theta_i_deg", "theta_r_deg", "mean", "u",
+        "q025", "q975")  # fmt: skip
+
+
+def run(*arguments: str) -> None:
+    """One verb of the command line; anything but success ends here."""
+    code = main(arguments)
+    if code != 0:
+        raise SystemExit(code)
+
+
+def judge(paint: str, folder: Path) -> dict[str, Any]:
+    """Simulate, fit and judge a paint below ``folder``; its conformity, numbers to six digits."""
+    parameters = {"n": 1.526, "k": 0.193, "sigma_n0": PAINTS[paint], "rho0": 0.47}
+    readings, out, result = folder / f"{paint}.csv", folder / paint, folder / f"{paint}.json"
+    run("simulate", "--params", json.dumps(parameters), "--sample", paint, "--seed",
+        str(SEEDS[paint]), "--theta-i", "0,20,60", "--theta-r=-80:80:4", "--noise", "0.03",
+        "--dhr-noise", "0.002", "--out", str(readings))  # fmt: skip
+    run("fit", str(readings), "--accuracy", "draft", "--quiet", "--out", str(out))
+    run("conform", str(out), "--limits", str(LIMITS), "--json", str(result))
+    found = json.loads(result.read_text(encoding="utf-8"))
+    found["limits"] = [{key: limit[key] for key in KEPT} for limit in found["limits"]]
+    return dict(shortened(found))
+
+
+def shortened(value: Any) -> Any:
+    """Numbers to six significant digits."""
+    if isinstance(value, dict):
+        return {key: shortened(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [shortened(item) for item in value]
+    return float(f"{value:.6g}") if isinstance(value, float) else value
+
+
+LOOKS = {"ACCEPT": "#1a6b3c", "REJECT": "#a8201a", "UNDECIDED": "#8a5300"}
+
+
+def section(paint: str, found: dict[str, Any]) -> str:
+    """A paint: its verdict, its limits, the band that was not measured."""
+    with figure_style():
+        pictures = conformity_pictures({"conformity": found})
+    rows = "".join(row(limit) for limit in found["limits"])
+    because = f": {found['reason']}" if found["reason"] else ""
+    panels = "".join(f"<figure><h4>{escape(str(p.title))}</h4>{p.svg}</figure>" for p in pictures)
+    return f"""<section>
+<h2>{paint}, σ<sub>N0</sub> = {PAINTS[paint]:g}: <span style="color:{LOOKS[found["verdict"]]}">{found["verdict"].lower()}</span></h2>
+<p>Joint probability of conformity {probability_text(found["probability"])}{escape(because)}.</p>
+<div class="scroll"><table>
+<thead><tr><th>Limit</th><th>Tolerance</th><th>Estimate ± u</th><th>Where</th><th>Probability of conformity</th><th>Verdict</th></tr></thead>
+<tbody>{rows}</tbody></table></div>
+<div class="pair">{panels}</div>
+</section>"""
+
+
+def row(limit: dict[str, Any]) -> str:
+    """A limit at the point of its band where it is least probably met."""
+    at = limit["worst"]
+    shown = rounded(limit["mean"][at], limit["u"][at])
+    cells = (
+        tolerance_text(limit), f"{shown.value} ± {shown.uncertainty}", where_text(limit, at) or "–",
+        probability_text(limit["probability"]), limit["verdict"].lower(),
+    )  # fmt: skip
+    return f"<tr><th>{escape(limit['name'])}</th>{''.join(f'<td>{c}</td>' for c in cells)}</tr>"
+
+
+def page(stored: dict[str, Any]) -> str:
+    """The whole page."""
+    rule = rule_text(next(iter(stored.values())))
+    style = (HERE.parent / "pages.css").read_text(encoding="utf-8")
+    return f"""<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<title>Conformity of three simulated paints</title><link rel="icon" href="data:,">
+<style>{style}
+h4 {{ font: 600 14px/1.35 var(--sans); margin: 0 0 4px; }}</style></head>
+<body><main>
+<p class="kicker"><span><b>pbrdf_bayes</b> · Conformity with a specification</span><span>simulated paints</span></p>
+<h1>One specification, three paints</h1>
+<p class="lead">The same limits, the same noise: one paint is accepted, one is rejected, and one lies where its readings do not decide.</p>
+<p>{escape(rule)}</p>
+<p>Shaded: 95 % at each angle, of the BRDF of the sample with the discrepancy of the model; red: the tolerance limits. A band conforms where the whole curve lies within them.</p>
+{"".join(section(paint, found) for paint, found in stored.items())}
+<footer>Limits: <code>limits.toml</code>; numbers: <code>conformity.json</code>; made by <code>python reports/conformity/make.py</code>.</footer>
+</main></body></html>
+"""
+
+
+def make(target: Path) -> None:
+    """Judge all three and write numbers and page into ``target``."""
+    with tempfile.TemporaryDirectory() as scratch:
+        stored = {paint: judge(paint, Path(scratch)) for paint in PAINTS}
+    text = json.dumps(stored, ensure_ascii=False, separators=(",", ":"))
+    (target / "conformity.json").write_text(text + "\n", encoding="utf-8")
+    (target / "index.html").write_text(page(stored), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    make(HERE)

@@ -1,0 +1,405 @@
+"""``conform``, ``--limits``, ``--document`` and ``--pdf``: real runs, real files, a real browser."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from html.parser import HTMLParser
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+import pbrdf_bayes as pb
+from pbrdf_bayes.assessment import assess_conformity
+from pbrdf_bayes.cli import main
+from pbrdf_bayes.document import Document
+from pbrdf_bayes.errors import ConfigError
+from pbrdf_bayes.io.document_toml import read_document
+from pbrdf_bayes.io.limits_toml import read_limits, specification_from_table
+from pbrdf_bayes.io.print_pdf import find_browser, print_pdf
+from pbrdf_bayes.io.run_folder import load_analysis
+from pbrdf_bayes.measurands import draw_measurands, sample_of
+from pbrdf_bayes.report import render_report
+from pbrdf_bayes.results import Analysis
+from pbrdf_bayes.specification import Limit, Specification
+from pbrdf_bayes.workflow import fit_file
+
+pytestmark = pytest.mark.usefixtures("signals_as_before")
+
+LIMITS = """\
+specification = "PS-114 <issue 3>"
+[[limit]]
+name = "index"
+parameter = "n"
+lower = 1.4
+upper = 1.6
+[[limit]]
+name = "glare & co"
+quantity = "brdf"
+polarization = "s"
+theta_i_deg = 45
+theta_r_deg = "-60:60:20"
+upper = 10.0
+"""
+DIFFERENCE = """\
+[[difference]]
+name = "shade"
+quantity = "brdf"
+polarization = "s"
+theta_i_deg = 20
+theta_r_deg = "-40:40:20"
+tolerance = 0.2
+[[difference]]
+name = "dn"
+parameter = "n"
+tolerance = 0.002
+"""
+DOCUMENT = """\
+title = "Test report"
+report_number = "A-7 </style><script>alert(1)</script>"
+laboratory = "Laboratory <b>one</b>"
+item_description = "paint"
+date_received = 2026-02-26
+date_measured = "2026-03-02/2026-03-05"
+date_issued = 2026-03-09
+note = "first line\\nsecond line"
+"""
+
+
+@pytest.fixture(scope="module")
+def run(finished_run: Path) -> Analysis:
+    return load_analysis(finished_run)
+
+
+@pytest.fixture(scope="module")
+def other(small_csv: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same readings with another seed: the same posterior, other draws."""
+    folder = tmp_path_factory.mktemp("other") / "run"
+    fit_file(small_csv, pb.RunConfig(accuracy="draft", holdout=False), out=folder, seed=2)
+    return folder
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+# ---------------------------------------------------------------------------------- the measurands
+
+
+def limit(**keys: object) -> Limit:
+    return specification_from_table({"limit": [{"name": "x", "upper": 1.0, **keys}]}).limits[0]
+
+
+def test_a_brdf_not_measured_has_the_discrepancy_in_it(run: Analysis) -> None:
+    """ln BRDF has the variance of the model's curve and the mean of tau^2 together."""
+    sample = sample_of(run)
+    wanted = limit(quantity="brdf", polarization="s", theta_i_deg=45, theta_r_deg=[-30, 30])
+    values = np.log(draw_measurands(sample, [wanted])["x"])
+    tau = sample.x[:, sample.posterior.parameter_names.index("tau")]
+    model = pb.predict_scene(run, pb.Scene(theta_i_deg=(45.0,), theta_r_deg=(-30.0, 30.0),
+                                           polarizations=("s",), n_draws=4000)).brdf  # fmt: skip
+    assert model is not None
+    sd = (np.log(model[0, 0, :, 0, 2]) - np.log(model[0, 0, :, 0, 0])) / (2 * 1.645)
+    assert values.std(axis=0) ** 2 == pytest.approx(sd**2 + np.mean(tau**2), rel=0.15)
+
+
+def test_a_measured_brdf_is_better_known(run: Analysis) -> None:
+    at = {"quantity": "brdf", "polarization": "s", "theta_r_deg": [0, 30]}
+    sample = sample_of(run)
+    measured = draw_measurands(sample, [limit(theta_i_deg=20, **at)])["x"]
+    elsewhere = draw_measurands(sample, [limit(theta_i_deg=21, **at)])["x"]
+    assert np.all(np.log(measured).std(axis=0) <= np.log(elsewhere).std(axis=0) * 1.05)
+
+
+def test_limits_share_draws_and_paths(run: Analysis) -> None:
+    """A ratio is that of the two BRDF of the same draw; an angle named twice is the same point."""
+    at = {"theta_i_deg": 33, "theta_r_deg": [-20, 10]}
+    rows = [{"name": q, "upper": 9.0, "quantity": "brdf", "polarization": q, **at} for q in "sp"]
+    rows.append({"name": "r", "upper": 9.0, "quantity": "brdf_ratio", **at})
+    found = draw_measurands(sample_of(run), specification_from_table({"limit": rows}).limits)
+    assert np.array_equal(found["r"], found["s"] / found["p"])
+
+
+def test_dhr_and_parameter_are_those_of_the_draws(run: Analysis) -> None:
+    sample = sample_of(run)
+    dhr = limit(quantity="dhr", polarization="p", theta_i_deg=[0, 50])
+    n = limit(parameter="n")
+    found = draw_measurands(sample, [dhr])["x"]
+    names = sample.posterior.parameter_names
+    for row in (0, 1234):
+        x = dict(zip(names, sample.x[row], strict=True))
+        paint = pb.Parameters(**{key: x[key] for key in ("n", "k", "sigma_n0", "rho0")})
+        assert found[row] == pytest.approx(pb.dhr(paint, [0, 50], "p"), rel=1e-9)
+    assert np.array_equal(draw_measurands(sample, [n])["x"][:, 0], sample.x[:, 0])
+
+
+def test_a_difference_of_two_runs(run: Analysis, other: Path, tmp_path: Path) -> None:
+    """Normal posteriors: P(|dn| <= d) from the means and standard uncertainties of the two."""
+    specification = read_limits(write(tmp_path / "l.toml", DIFFERENCE))
+    reference = load_analysis(other)
+    found = assess_conformity(run, specification, reference)
+    dn = next(one for one in found["limits"] if one["name"] == "dn")
+    a, b = (r.summary["parameters"]["n"] for r in (run, reference))
+    mean, sd = a["mean"] - b["mean"], float(np.hypot(a["sd"], b["sd"]))
+    exact = norm.cdf((0.002 - mean) / sd) - norm.cdf((-0.002 - mean) / sd)
+    assert dn["u"][0] == pytest.approx(sd, rel=0.05)
+    assert dn["probability"]["value"] == pytest.approx(exact, abs=0.03)
+    shade = next(one for one in found["limits"] if one["name"] == "shade")
+    assert np.all(np.abs(shade["mean"]) < 3 * np.array(shade["u"]))
+    assert (shade["unit"], shade["lower"], shade["upper"]) == ("dex", -0.2, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("change", "quantity", "reason"),
+    [
+        ({"status": "not_converged"}, "dhr", "did not converge"),
+        ({"verdict": "FAIL"}, "brdf", "failed its checks"),
+        ("does not apply", "brdf", "does not apply"),
+        ("descriptive only", "parameter", "descriptive only"),
+        ("descriptive only", "dhr", "not known"),
+        ("descriptive only", "brdf", ""),
+    ],
+)
+def test_no_verdict_where_the_model_does_not_hold(
+    run: Analysis, change: object, quantity: str, reason: str
+) -> None:
+    summary = dict(run.summary)
+    if isinstance(change, dict):
+        summary |= change
+    else:
+        summary["applicability"] = {**summary["applicability"], "verdict": change}
+    keys = {
+        "parameter": {"parameter": "n"},
+        "dhr": {"polarization": "s", "theta_i_deg": 10},
+        "brdf": {"polarization": "s", "theta_i_deg": 20, "theta_r_deg": 0},
+    }[quantity]
+    wanted = Specification(limits=(limit(quantity=quantity, upper=99.0, **keys),))
+    found = assess_conformity(Analysis(summary, run.draws, run.config_toml), wanted)
+    assert reason in found["limits"][0]["reason"]
+    assert found["verdict"] == ("UNDECIDED" if reason else "ACCEPT")
+
+
+def test_a_parameter_the_fit_has_not_is_undecided(run: Analysis) -> None:
+    found = assess_conformity(run, Specification(limits=(limit(parameter="lambert"),)))
+    assert found["verdict"] == "UNDECIDED"
+    assert found["limits"][0]["mean"] == [None]
+    summary = {**run.summary, "conformity": found}
+    assert "no parameter of this fit" in render_report(Analysis(summary, run.draws, ""))
+
+
+# ------------------------------------------------------------------------------- the command line
+
+
+def test_conform_writes_json_and_report(
+    finished_run: Path, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(finished_run, here / "run")
+    before = (here / "run" / "summary.json").read_bytes()
+    write(here / "l.toml", LIMITS)
+    assert main(["conform", "run", "--limits", "l.toml", "--json", "c.json", "--strict"]) == 0
+    assert (here / "run" / "summary.json").read_bytes() == before
+    said = capsys.readouterr().out
+    assert "ACCEPT: PS-114" in said
+    found = json.loads((here / "c.json").read_text())
+    assert [one["verdict"] for one in found["limits"]] == ["ACCEPT", "ACCEPT"]
+    assert main(["conform", "run", "--limits", "l.toml", "--save"]) == 0
+    assert load_analysis(here / "run").summary["conformity"] == found
+    page = (here / "run" / "report.html").read_text(encoding="utf-8")
+    assert page == render_report(load_analysis(here / "run"))
+    assert "PS-114 &lt;issue 3&gt;" in page
+    assert "glare &amp; co" in page
+    write(here / "l.toml", LIMITS.replace("1.6", "1.41"))
+    assert main(["conform", "run", "--limits", "l.toml", "--strict"]) == 4
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "no [[limit]]"),
+        ('rule = "rsik"\n' + LIMITS, "Did you mean 'risk'?"),
+        ("max_consumer_risk = 2\n" + LIMITS, r"[0.0001, 0.5]"),
+        (LIMITS.replace("upper = 1.6", "uper = 1.6"), "Did you mean 'upper'?"),
+        (LIMITS.replace("upper = 1.6", "upper = 1.3"), "is not below"),
+        (LIMITS.replace('"n"', '"rho_0"'), "Did you mean 'rho0'?"),
+        (LIMITS.replace('"brdf"', '"bdrf"'), "Did you mean 'brdf'?"),
+        (LIMITS.replace("= 45", "= 95"), "[0, 89.95]"),
+        (LIMITS.replace('"-60:60:20"', '"60:-60:20"'), "LO:HI:STEP"),
+        (LIMITS.replace('"-60:60:20"', '"-60:60:0.01"'), "allowed are 5000"),
+        (LIMITS.replace("glare & co", "index"), "given twice"),
+        (LIMITS.replace('theta_r_deg = "-60:60:20"\n', ""), "theta_r_deg is missing"),
+        (LIMITS.replace("upper = 10.0", 'upper = "10"'), "finite number"),
+        (DIFFERENCE, "--reference"),
+        (DIFFERENCE.replace("0.002", "-1"), "tolerance = -1.0"),
+    ],
+)
+def test_limits_that_are_wrong_are_refused(
+    finished_run: Path, here: Path, capsys: pytest.CaptureFixture[str], text: str, said: str
+) -> None:
+    write(here / "l.toml", text)
+    assert main(["conform", str(finished_run), "--limits", "l.toml", "--json", "c.json"]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+    assert not (here / "c.json").exists()
+
+
+def test_a_run_is_no_reference_of_itself(finished_run: Path, here: Path, capsys) -> None:
+    write(here / "l.toml", DIFFERENCE)
+    run = str(finished_run)
+    assert main(["conform", run, "--limits", "l.toml", "--reference", run]) == 2
+    assert "the run itself" in capsys.readouterr().err
+
+
+def test_fit_refuses_before_it_starts(
+    small_csv: Path, here: Path, capsys: pytest.CaptureFixture[str], monkeypatch
+) -> None:
+    write(here / "l.toml", DIFFERENCE)
+    assert main(["fit", str(small_csv), "--out", "r", "--limits", "l.toml"]) == 2
+    write(here / "d.toml", 'laboratroy = "x"\n')
+    assert main(["fit", str(small_csv), "--out", "r", "--document", "d.toml"]) == 2
+    assert "Did you mean 'laboratory'?" in capsys.readouterr().err
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setattr("pbrdf_bayes.io.print_pdf._ELSEWHERE", ())
+    assert main(["fit", str(small_csv), "--out", "r", "--pdf"]) == 2
+    assert "apt install chromium" in capsys.readouterr().err
+    assert not (here / "r").exists()
+
+
+def test_fit_judges_at_once_and_a_finished_run_too(small_csv: Path, here: Path) -> None:
+    write(here / "l.toml", LIMITS)
+    write(here / "d.toml", DOCUMENT)
+    fit = ["fit", str(small_csv), "--accuracy", "draft", "--quiet", "--out", "r", "--limits"]
+    assert main([*fit, "l.toml"]) == 0
+    first = load_analysis(here / "r").summary
+    assert first["conformity"]["verdict"] == "ACCEPT"
+    assert "document" not in first
+    assert main([*fit, "l.toml", "--resume", "--document", "d.toml"]) == 0
+    second = load_analysis(here / "r").summary
+    assert second["document"]["title"] == "Test report"
+    assert second["conformity"] == first["conformity"]
+    page = (here / "r" / "report.html").read_text(encoding="utf-8")
+    assert main(["report", "r"]) == 0
+    assert (here / "r" / "report.html").read_text(encoding="utf-8") == page
+
+
+# ------------------------------------------------------------------------------------ the document
+
+
+class Scripts(HTMLParser):
+    """Counts what must not be made from the user's text."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.bad: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag == "script":
+            self.bad.append(tag)
+
+
+@pytest.fixture(scope="module")
+def documented(run: Analysis, tmp_path_factory: pytest.TempPathFactory) -> str:
+    from dataclasses import asdict
+
+    path = write(tmp_path_factory.mktemp("doc") / "d.toml", DOCUMENT)
+    wanted = read_limits(write(path.with_name("l.toml"), LIMITS))
+    added = {"document": asdict(read_document(path)), "conformity": assess_conformity(run, wanted)}
+    return render_report(Analysis({**run.summary, **added}, run.draws, run.config_toml))
+
+
+def test_the_page_shows_what_was_given_and_names_what_was_not(documented: str) -> None:
+    parser = Scripts()
+    parser.feed(documented)
+    assert parser.bad == []
+    assert documented.count("</style>") == 1
+    assert "Laboratory &lt;b&gt;one&lt;/b&gt;" in documented
+    assert "2026-03-02 to 2026-03-05" in documented
+    missing = re.search(r"Not given: ([^.]*)\.", documented)
+    assert missing is not None
+    assert {"sampling", "operator", "metrological traceability"} <= set(missing[1].split(", "))
+    assert "End of report A-7" in documented
+    assert "relate only to the item tested" in documented
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({}, "no item is given"),
+        ({"title": "x" * 201}, "allowed are 200"),
+        ({"note": "x" * 2001}, "allowed are 2000"),
+        ({"title": "a\nb"}, "line break"),
+        ({"note": "a\x1bb"}, "cannot be printed"),
+        ({"date_issued": "5 March"}, "2026-03-02"),
+        ({"date_measured": "2026-03-05/2026-03-02"}, "from/to"),
+        ({"date_received": "2026-03-05", "date_issued": "2026-03-04"}, "is before"),
+        ({"date_measured": "2026-03-01/2026-03-05", "date_issued": "2026-03-04"}, "is before"),
+    ],
+)
+def test_items_that_are_wrong_are_refused(keys: dict[str, str], said: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        Document(**keys)
+
+
+def test_a_file_of_items(tmp_path: Path) -> None:
+    path = write(tmp_path / "d.toml", "[document]\n" + DOCUMENT)
+    assert read_document(path).date_issued == "2026-03-09"
+    write(path, "note = 3\n")
+    with pytest.raises(ConfigError, match=r"d\.toml: note = 3 is not allowed: give text in quotes"):
+        read_document(path)
+
+
+# ------------------------------------------------------------------------------------------ the PDF
+
+
+@pytest.mark.browser
+def test_every_page_says_its_number_and_the_report(documented: str) -> None:
+    pypdf = pytest.importorskip("pypdf")
+    try:
+        find_browser()
+    except ConfigError as error:
+        pytest.skip(str(error))
+    pages = pypdf.PdfReader(BytesIO(print_pdf(documented))).pages
+    for number, page in enumerate(pages, start=1):
+        width, height = (float(x) for x in page.mediabox[2:])
+        assert (width, height) == pytest.approx((595.3, 841.9), abs=1.0)
+        text = page.extract_text()
+        assert f"{number} / {len(pages)}" in text
+        assert "Report A-7 </style>" in text.replace("\n", " ")
+        assert len(text) > 150, f"page {number} is blank"
+    assert "End of report" in pages[-1].extract_text()
+
+
+@pytest.mark.browser
+def test_a_browser_that_fails_is_told(
+    finished_run: Path, here: Path, capsys: pytest.CaptureFixture[str], monkeypatch,
+    make_executable: Callable[[str, str], Path],
+) -> None:  # fmt: skip
+    """The run stays complete and an earlier PDF does not outlive its report."""
+    shutil.copytree(finished_run, here / "run")
+    write(here / "run" / "report.pdf", "old")
+    folder = make_executable("chromium", "echo 'cannot start' >&2; exit 1")
+    monkeypatch.setenv("PATH", str(folder))
+    assert main(["report", "run", "--pdf"]) == 2
+    error = capsys.readouterr().err
+    assert "cannot start" in error
+    assert "pbrdf-bayes report run --pdf" in error
+    assert not (here / "run" / "report.pdf").exists()
+    assert (here / "run" / "report.html").is_file()
+
+
+@pytest.fixture
+def make_executable(tmp_path: Path) -> Callable[[str, str], Path]:
+    def make(name: str, script: str) -> Path:
+        folder = tmp_path / "bin"
+        folder.mkdir()
+        path = write(folder / name, f"#!/bin/sh\n{script}\n")
+        path.chmod(0o755)
+        return folder
+
+    return make
