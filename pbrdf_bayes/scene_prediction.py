@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.config import ACCURACIES
 from pbrdf_bayes.effects import INSTRUMENT_FIELDS, Effects, with_values
+from pbrdf_bayes.energy import DIFFUSE, check_energy
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.model import DOMAIN, MAX_THETA_I_DEG, Parameters, checked_angles, digits_of
 from pbrdf_bayes.physics.brdf import evaluate
@@ -39,7 +40,6 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 QUANTILES = (0.05, 0.5, 0.95)
-_DIFFUSE = ("lambert", "bulk", "volume", "backscatter")
 _MOST_VALUES = 4_000_000
 """Values of all draws that are in memory at a time."""
 _NONE = np.zeros(0)
@@ -116,7 +116,8 @@ def predict_scene(
         When effects are given beside a run, are not known, or are those of the instrument in a
         scene without ``instrument``.
     DomainError
-        When an angle, an effect or the tolerance is out of range.
+        When an angle, an effect or the tolerance is out of range, or the sample would reflect more
+        than it receives.
 
     Notes
     -----
@@ -147,7 +148,10 @@ def predict_scene(
             raise ConfigError(msg)
         drawn = _of_run(model, scene)
     else:
-        drawn = _of_parameters(model, _on_top(effects, scene), scene, rtol)
+        whole = _on_top(effects, scene)
+        incident = np.array([*scene.theta_i_deg, *scene.dhr_theta_i_deg])
+        check_energy(model.as_array(), whole, incident)
+        drawn = _of_parameters(model, whole, scene, rtol)
     return compute_scene(drawn, scene)
 
 
@@ -329,8 +333,8 @@ def _stokes(
     incident, angles = scene.stokes_incident, np.deg2rad(theta_r)
     frames = prepare_frames(np.broadcast_to(theta_i, angles.shape), angles, np.deg2rad(phi_r))
     of_facets = total
-    if set(_DIFFUSE) & set(model.names):
-        bare = _brdf(model.without(_DIFFUSE), np.rad2deg(theta_i[0]), theta_r, phi_r, ("s", "p"))
+    if set(DIFFUSE) & set(model.names):
+        bare = _brdf(model.without(DIFFUSE), np.rad2deg(theta_i[0]), theta_r, phi_r, ("s", "p"))
         of_facets = bare[:, 0], bare[:, 1]
     below_s, below_p = (a - b for a, b in zip(total, of_facets, strict=True))
     below = {"s": below_s, "p": below_p, "u": 0.5 * (below_s + below_p)}[incident]
