@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
+from math import isclose
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,7 +115,7 @@ def predict_scene(
     ------
     ConfigError
         When effects are given beside a run, are not known, or are those of the instrument in a
-        scene without ``instrument``.
+        scene without ``instrument``; when the scene has another wavelength than the run.
     DomainError
         When an angle, an effect or the tolerance is out of range, or the sample would reflect more
         than it receives.
@@ -146,6 +147,7 @@ def predict_scene(
         if effects is not None or scene.effects:
             msg = "effects: a run has its own. Leave them out, or give parameters instead of a run"
             raise ConfigError(msg)
+        _check_wavelength(model, scene)
         drawn = _of_run(model, scene)
     else:
         whole = _on_top(effects, scene)
@@ -172,6 +174,16 @@ def _check_angles(scene: Scene) -> None:
     checked_angles("dhr_theta_i_deg", scene.dhr_theta_i_deg, 0.0, MAX_THETA_I_DEG)
 
 
+def _check_wavelength(analysis: Analysis, scene: Scene) -> None:
+    of_run, asked = float(analysis.summary["wavelength_um"]), scene.wavelength_um
+    if asked is not None and not isclose(asked, of_run, rel_tol=1e-6):
+        msg = (
+            f"wavelength_um = {asked:g} is not that of the run, {of_run:g}: parameters belong to "
+            "one wavelength. Give a run at this wavelength, or leave the key out"
+        )
+        raise ConfigError(msg)
+
+
 def _on_top(effects: Effects | None, scene: Scene) -> Effects:
     """Effects with those of the scene on top."""
     for name in scene.effects:
@@ -195,7 +207,10 @@ def _of_parameters(
     found = found if scene.instrument else found.without(INSTRUMENT_FIELDS)
     text |= {name: f"{added[name]:.10g}" for name in found.names if name in added}
     text |= {name: word for name, word in shape.items() if word != getattr(Effects(), name)}
-    return replace(found, source={"parameters": ", ".join(f"{k} = {v}" for k, v in text.items())})
+    source = {"parameters": ", ".join(f"{k} = {v}" for k, v in text.items())}
+    if scene.wavelength_um is not None:
+        source["wavelength_um"] = f"{scene.wavelength_um:g}"
+    return replace(found, source=source)
 
 
 def _of_run(analysis: Analysis, scene: Scene) -> DrawnModel:
