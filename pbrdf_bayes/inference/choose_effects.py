@@ -388,7 +388,8 @@ def _statement(chosen: _Tried, base: _Tried, asked: RunConfig) -> str:
     if chosen is base:
         return f"Nothing beyond {in_words(base.config)} predicts readings left out better.{held}"
     change = 1.0 - np.exp(chosen.score - base.score)
+    share = "more than 99" if change > 0.99 else f"{100 * change:.0f}"
     return (
-        f"{in_words(chosen.config)}: errors of prediction are {100 * change:.0f} % smaller than "
+        f"{in_words(chosen.config)}: errors of prediction are {share} % smaller than "
         f"with {in_words(base.config)}.{held}"
     )
