@@ -37,6 +37,8 @@ INSTRUMENT_FIELDS = tuple(
     name for name in EffectValues._fields if name.removesuffix("_deg") in INSTRUMENT_EFFECTS
 )
 """Those that say what the instrument does, and not the sample."""
+_OF_SHAPE = {"nu": "cauchy", "eta": "voigt"}
+_BESIDE = {"asymmetry": "volume", "backscatter_width": "backscatter"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +77,9 @@ class Effects:
     Raises
     ------
     DomainError
-        When a value is out of range, or not a number.
+        When a value is out of range, not a number, or of a parameter that does nothing here: ``nu``
+        without the cauchy and ``eta`` without the voigt line shape, ``asymmetry`` without
+        ``volume``, ``backscatter_width`` without ``backscatter``.
 
     Examples
     --------
@@ -117,11 +121,48 @@ class Effects:
         if self.lambert > 0.0 and self.bulk > 0.0:
             msg = "bulk is an alternative to lambert, not an addition: give one of them"
             raise DomainError(msg)
+        for name, needs in _idle(self.__dict__).items():
+            value, null = getattr(self, name), getattr(NULL, name)
+            if value != null:
+                msg = f"{name} = {value!r} does nothing without {needs}: give that, or leave {name}"
+                raise DomainError(msg)
 
     @property
     def is_null(self) -> bool:
         """Nothing is added: exactly the four-parameter model."""
         return self == Effects()
+
+
+def _idle(values: Mapping[str, Any]) -> dict[str, str]:
+    """Parameters that do nothing beside these values, and what they need."""
+    shape = values.get("line_shape", Effects.line_shape)
+    found = {name: f"line_shape = {word!r}" for name, word in _OF_SHAPE.items() if word != shape}
+    for name, strength in _BESIDE.items():
+        if not values.get(strength, 0.0) > 0.0:
+            found[name] = f"{strength} > 0"
+    return found
+
+
+def effects_of_fit(values: Mapping[str, Any]) -> Effects:
+    """Effects with the values of a fit, which keeps parameters beside a strength of zero.
+
+    Parameters
+    ----------
+    values : mapping of str to value
+        Fields of `Effects` by name; those that do nothing are left out.
+
+    Raises
+    ------
+    DomainError
+        When a value is out of range.
+
+    Examples
+    --------
+    >>> effects_of_fit({"volume": 0.0, "asymmetry": 0.6}).is_null
+    True
+    """
+    idle = _idle(values)
+    return Effects(**{name: value for name, value in values.items() if name not in idle})
 
 
 def scene_and_columns(

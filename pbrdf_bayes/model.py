@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pbrdf_bayes.effects import Effects, scene_and_columns
+from pbrdf_bayes.energy import GRAZING_DEG, check_energy
 from pbrdf_bayes.errors import DomainError
 from pbrdf_bayes.physics.brdf import evaluate
 from pbrdf_bayes.physics.fresnel import surface
@@ -31,7 +32,7 @@ DOMAIN: Mapping[str, tuple[float, float]] = {
     "rho0": (1e-3, 4.0),
 }
 """Where the model is computed; the accuracy is tested there for n >= 1 or k >= 1."""
-MAX_THETA_I_DEG = 89.95
+MAX_THETA_I_DEG = GRAZING_DEG
 _NO_ANGLES = np.zeros(0)
 _MORE_DIGITS = 4.0
 _ROUNDING = 2e-13
@@ -129,7 +130,8 @@ def brdf(
     Raises
     ------
     DomainError
-        When an angle, the polarisation or the tolerance is not allowed.
+        When an angle, the polarisation or the tolerance is not allowed, or the sample would reflect
+        more than it receives.
 
     Notes
     -----
@@ -156,7 +158,7 @@ def brdf(
         dhr_theta_i=_NO_ANGLES,
         dhr_polarization=np.zeros(0, np.str_),
     )
-    values, _ = _evaluate(parameters, effects, geometry, digits_of(rtol))
+    values, _ = _evaluate(parameters, effects, angles[0], geometry, digits_of(rtol))
     return np.asarray(values[0].reshape(angles[0].shape))
 
 
@@ -183,7 +185,8 @@ def dhr(
     Raises
     ------
     DomainError
-        When an angle or the polarisation is not allowed.
+        When an angle or the polarisation is not allowed, or the sample would reflect more than it
+        receives.
 
     Examples
     --------
@@ -200,17 +203,19 @@ def dhr(
         dhr_theta_i=np.deg2rad(angles.ravel()),
         dhr_polarization=np.full(angles.size, _checked_polarization(polarization)),
     )
-    _, values = _evaluate(parameters, effects, geometry, 6.0)
+    _, values = _evaluate(parameters, effects, angles, geometry, 6.0)
     return np.asarray(values[0].reshape(angles.shape))
 
 
 def _evaluate(
-    parameters: Parameters, effects: Effects | None, geometry: Geometry, digits: float
-) -> tuple[Array, Array]:
+    parameters: Parameters, effects: Effects | None, theta_i_deg: Array, geometry: Geometry,
+    digits: float,
+) -> tuple[Array, Array]:  # fmt: skip
     """BRDF and DHR of the rows, shapes (1, n_brdf) and (1, n_dhr)."""
     x = parameters.as_array()
     if effects is None or effects.is_null:
         return evaluate(geometry, x[None, :], digits)
+    check_energy(x, effects, theta_i_deg)
     return evaluate_with_effects(geometry, *scene_and_columns(effects, x), digits)
 
 

@@ -8,7 +8,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from pbrdf_bayes.effects import Effects, with_values
+from pbrdf_bayes.effects import Effects, effects_of_fit, with_values
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.model import DOMAIN, Parameters
 
@@ -46,14 +46,16 @@ def read_parameters(text: str) -> tuple[Parameters, Effects]:
     except (OSError, ValueError, RecursionError) as error:
         msg = f"--params {text[:200]}: not JSON and not a JSON file ({str(error)[:200]})"
         raise ConfigError(msg) from None
-    if isinstance(table, dict) and isinstance(table.get("parameters"), dict):
+    fitted = isinstance(table, dict) and isinstance(table.get("parameters"), dict)
+    if fitted:
         table = _of_summary(table)
     if not isinstance(table, dict) or not set(DOMAIN) <= set(table):
         given = ", ".join(table) if isinstance(table, dict) else type(table).__name__
         msg = f"--params {text[:200]}: needs {', '.join(DOMAIN)}; got {given}"
         raise ConfigError(msg)
     others = {name: value for name, value in table.items() if name not in DOMAIN}
-    return Parameters(**{name: table[name] for name in DOMAIN}), with_values(Effects(), others)
+    effects = effects_of_fit(others) if fitted else with_values(Effects(), others)
+    return Parameters(**{name: table[name] for name in DOMAIN}), effects
 
 
 def _of_summary(summary: Mapping[str, Any]) -> dict[str, Any]:

@@ -7,15 +7,24 @@ doi:10.1364/OE.19.001027. The derivation is that of `pbrdf_bayes.physics.stokes`
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pbrdf_bayes.effects import INSTRUMENT_FIELDS, Effects
+from pbrdf_bayes.energy import DIFFUSE
 from pbrdf_bayes.errors import DomainError
 from pbrdf_bayes.model import Parameters, brdf
+from pbrdf_bayes.physics.fresnel import surface
+from pbrdf_bayes.physics.scene import NULL
+from pbrdf_bayes.physics.scene_stokes import bulk_s1
 from pbrdf_bayes.physics.stokes import depolarise, mueller_matrix, phase_cosine, prepare_frames
 
 Array = NDArray[np.float64]
 
+_OF_DIFFUSE = ("asymmetry", "backscatter_width")
 _INCIDENT = {"s": (1.0, 1.0, 0.0), "p": (1.0, -1.0, 0.0), "u": (1.0, 0.0, 0.0)}
 
 
@@ -27,6 +36,7 @@ def mueller(
     phi_r_deg: ArrayLike = 0.0,
     phase: str = "fresnel",
     depolarisation: float = 0.0,
+    effects: Effects | None = None,
     rtol: float = 1e-8,
 ) -> Array:
     """Mueller matrix of the BRDF for (S0, S1, S2), in and out of plane, Eqs. (7)-(12).
@@ -41,6 +51,8 @@ def mueller(
         angle, or none, as Eq. (8) is printed.
     depolarisation : float
         Share of the scattered light that is depolarised, in [0, 1] [1]; 0 is the model without it.
+    effects : Effects, optional
+        Line shape and effects of the sample; none by default.
     rtol : float
         Relative tolerance of the normalisation, as in `brdf`.
 
@@ -54,10 +66,16 @@ def mueller(
     Raises
     ------
     DomainError
-        When an angle, the tolerance, the phase or the share is not allowed.
+        When an angle, the tolerance, the phase or the share is not allowed; when an effect is one
+        of the instrument; when the sample would reflect more than it receives.
 
     Notes
     -----
+    Light from below the surface has lost its polarisation there, and is that of s or p light or
+    their mean: light at 45 deg and circular light count as unpolarised. Bulk scatter is polarised
+    by the transmittances on its way out (Wolff 1994), as in `predict_scene`; other diffuse terms
+    are unpolarised. ``depolarisation`` acts on all that is scattered.
+
     Frames: s_i = (0, 1, 0), s_r = (-sin phi_r, cos phi_r, 0), p = k x s. S1 is s minus p; S2 is
     positive for a field along s + p, 45 deg from s counterclockwise for who looks into the beam.
     Circular light is neither taken nor told. In plane the matrix is that of f_s, f_p and
@@ -94,9 +112,8 @@ def mueller(
     angles = np.broadcast_arrays(
         *(np.asarray(x, dtype=np.float64) for x in (theta_i_deg, theta_r_deg, phi_r_deg))
     )
-    f_s, f_p = (
-        brdf(parameters, angles[0], angles[1], q, phi_r_deg=angles[2], rtol=rtol) for q in "sp"
-    )
+    added = _of_sample(effects or Effects())
+    f_s, f_p = _of_s_and_p(parameters, angles, added, rtol)
     if phase not in ("fresnel", "paper"):
         msg = f"phase = {phase!r} is not known. Allowed: 'fresnel', 'paper'"
         raise DomainError(msg)
@@ -106,7 +123,61 @@ def mueller(
     frames = prepare_frames(*(np.deg2rad(angle) for angle in angles))
     paper = np.ones(f_s.shape)
     cosine = phase_cosine(frames, parameters.n, parameters.k) if phase == "fresnel" else paper
-    return depolarise(mueller_matrix(f_s, f_p, cosine, frames), depolarisation)
+    if not any(getattr(added, name) > 0.0 for name in DIFFUSE):
+        return depolarise(mueller_matrix(f_s, f_p, cosine, frames), depolarisation)
+    bare = _of_s_and_p(parameters, angles, _without(added, (*DIFFUSE, *_OF_DIFFUSE)), rtol)
+    whole = mueller_matrix(*bare, cosine, frames)
+    whole += _from_below(parameters, angles, added, (f_s - bare[0], f_p - bare[1]))
+    return depolarise(whole, depolarisation)
+
+
+def _of_sample(effects: Effects) -> Effects:
+    """The effects, refused where one is of the instrument."""
+    for name in INSTRUMENT_FIELDS:
+        value = getattr(effects, name)
+        if value != getattr(NULL, name):
+            msg = (
+                f"{name} = {value!r} is an effect of the instrument: polarisation is that of the "
+                "scattered light. Leave it out"
+            )
+            raise DomainError(msg)
+    return effects
+
+
+def _without(effects: Effects, names: tuple[str, ...]) -> Effects:
+    return replace(effects, **{name: getattr(NULL, name) for name in names})
+
+
+def _of_s_and_p(
+    parameters: Parameters, angles: Sequence[Array], effects: Effects, rtol: float
+) -> tuple[Array, Array]:
+    """BRDF [sr^-1] of s and of p light at theta_i, theta_r, phi_r [deg]."""
+    theta_i, theta_r, phi_r = angles
+    f_s, f_p = (
+        brdf(parameters, theta_i, theta_r, q, phi_r_deg=phi_r, effects=effects, rtol=rtol)
+        for q in "sp"
+    )
+    return f_s, f_p
+
+
+def _from_below(
+    parameters: Parameters, angles: Sequence[Array], effects: Effects, below: tuple[Array, Array]
+) -> Array:
+    """Mueller matrix (..., 3, 3) of the diffuse terms [sr^-1], whose BRDF of s and p is given."""
+    d_s, d_p = (np.maximum(d, 0.0) for d in below)
+    b_s, b_p = np.zeros(d_s.shape), np.zeros(d_p.shape)
+    if effects.bulk > 0.0:
+        surf = surface(parameters.n, parameters.k, parameters.sigma_n0, parameters.rho0)
+        theta_i, theta_r = (np.asarray(np.deg2rad(angle)) for angle in angles[:2])
+        for angle in np.unique(theta_i).tolist():
+            at = theta_i == angle
+            for found, q in ((b_s, "s"), (b_p, "p")):
+                found[at] = bulk_s1(angle, theta_r[at], effects.bulk, surf, incident=q)
+    matrix = np.zeros((*d_s.shape, 3, 3))
+    for row, (of_s, of_p) in enumerate(((d_s, d_p), (b_s, b_p))):
+        matrix[..., row, 0] = 0.5 * (of_s + of_p)
+        matrix[..., row, 1] = 0.5 * (of_s - of_p)
+    return matrix
 
 
 def stokes(
@@ -118,6 +189,7 @@ def stokes(
     phi_r_deg: ArrayLike = 0.0,
     phase: str = "fresnel",
     depolarisation: float = 0.0,
+    effects: Effects | None = None,
     rtol: float = 1e-8,
 ) -> Array:
     """Stokes vector of the light scattered from s, p or unpolarised light, Eqs. (9)-(12).
@@ -129,7 +201,7 @@ def stokes(
         Angles as in `brdf` [deg].
     polarization : {"s", "p", "u"}
         Of the illumination.
-    phase, depolarisation, rtol
+    phase, depolarisation, effects, rtol
         As in `mueller`.
 
     Returns
@@ -141,7 +213,7 @@ def stokes(
     Raises
     ------
     DomainError
-        When an angle, the polarisation, the tolerance, the phase or the share is not allowed.
+        As for `mueller`, and when the polarisation is not allowed.
 
     Examples
     --------
@@ -155,7 +227,8 @@ def stokes(
         raise DomainError(msg)
     matrix = mueller(
         parameters, theta_i_deg, theta_r_deg,
-        phi_r_deg=phi_r_deg, phase=phase, depolarisation=depolarisation, rtol=rtol,
+        phi_r_deg=phi_r_deg, phase=phase, depolarisation=depolarisation, effects=effects,
+        rtol=rtol,
     )  # fmt: skip
     return np.asarray(matrix @ np.array(_INCIDENT[polarization]))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from pbrdf_bayes.effects import Effects
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.inference.bands import Targets
 from pbrdf_bayes.model import Parameters, brdf, check_directions, dhr, digits_of
+from pbrdf_bayes.reciprocity import reciprocal_brdf
 
 Array = NDArray[np.float64]
 
@@ -32,6 +34,7 @@ def predict_table(
     dhr_theta_i_deg: Sequence[float],
     polarizations: Sequence[str],
     rtol: float,
+    reciprocal: bool = False,
 ) -> str:
     """CSV text of predicted BRDF [sr^-1] and DHR [1] curves.
 
@@ -50,6 +53,8 @@ def predict_table(
     polarizations : sequence of {"s", "p", "u"}
     rtol : float
         Tolerance of the normalisation where parameters are given.
+    reciprocal : bool
+        The BRDF of `pbrdf_bayes.reciprocal_brdf` in place of that of Eq. (4).
 
     Returns
     -------
@@ -58,13 +63,16 @@ def predict_table(
     Raises
     ------
     ConfigError
-        When there is nothing to predict.
+        When there is nothing to predict, or the reciprocal normalisation is asked for beside a run,
+        with effects or out of plane.
     DomainError
         When an angle or the tolerance is not allowed.
     RunFolderError
         When the folder is not a finished run.
     """
     digits_of(rtol)
+    if reciprocal:
+        _refuse_reciprocal(folder, effects, phi_r_deg)
     brdf_targets = _targets(theta_i_deg, theta_r_deg, phi_r_deg, polarizations)
     dhr_targets = _targets(dhr_theta_i_deg, [np.nan], 0.0, polarizations)
     if not brdf_targets.theta_i_deg.size + dhr_targets.theta_i_deg.size:
@@ -75,13 +83,15 @@ def predict_table(
             theta_i_deg=targets.theta_i_deg, phi_r_deg=targets.phi_r_deg,
             theta_r_deg=targets.theta_r_deg if targets is brdf_targets else 0.0,
         )  # fmt: skip
-    bands = _bands_of_run(folder) if folder is not None else None
+    if folder is not None:
+        values_of = _bands_of_run(folder)
+    else:
+        values_of = _values_of_parameters(parameters, effects, rtol, reciprocal=reciprocal)
     lines = [",".join(COLUMNS)]
     for quantity, targets in (("brdf", brdf_targets), ("dhr", dhr_targets)):
         if not targets.theta_i_deg.size:
             continue
-        values = bands(targets) if bands else _of_parameters(parameters, effects, targets, rtol)
-        lines += _lines(quantity, targets, values)
+        lines += _lines(quantity, targets, values_of(targets))
     return "\n".join(lines) + "\n"
 
 
@@ -111,23 +121,47 @@ def _targets(
     )
 
 
-def _of_parameters(
-    parameters: Parameters | None, effects: Effects | None, targets: Targets, rtol: float
-) -> Array:
+def _values_of_parameters(
+    parameters: Parameters | None, effects: Effects | None, rtol: float, *, reciprocal: bool
+) -> Callable[[Targets], Array]:
     """Values at given parameters, shape (n, 1)."""
     assert parameters is not None
-    values = np.empty(targets.theta_i_deg.size)
-    for q in np.unique(targets.polarization).tolist():
-        rows = targets.polarization == q
-        values[rows] = (
-            dhr(parameters, targets.theta_i_deg[rows], q, effects=effects)
-            if targets.hemispherical
-            else brdf(
-                parameters, targets.theta_i_deg[rows], targets.theta_r_deg[rows], q,
-                phi_r_deg=targets.phi_r_deg[rows], rtol=rtol, effects=effects,
+    of_dhr = partial(dhr, parameters, effects=effects)
+    of_brdf: Callable[..., Array] = partial(brdf, parameters, effects=effects, rtol=rtol)
+    if reciprocal:
+        of_brdf = partial(reciprocal_brdf, parameters, rtol=rtol)
+
+    def of(targets: Targets) -> Array:
+        values = np.empty(targets.theta_i_deg.size)
+        for q in np.unique(targets.polarization).tolist():
+            rows = targets.polarization == q
+            theta_i, theta_r = targets.theta_i_deg[rows], targets.theta_r_deg[rows]
+            phi_r = targets.phi_r_deg[rows]
+            values[rows] = (
+                of_dhr(theta_i, q)
+                if targets.hemispherical
+                else of_brdf(theta_i, theta_r, q, phi_r_deg=phi_r)
             )
-        )  # fmt: skip
-    return values[:, None]
+        return values[:, None]
+
+    return of
+
+
+def _refuse_reciprocal(folder: Path | None, effects: Effects | None, phi_r_deg: float) -> None:
+    """It exists for the four parameters, and is reciprocal in plane."""
+    what = "the reciprocal normalisation"
+    if folder is not None:
+        msg = f"{what} goes with --params only: {folder} was fitted with that of the paper"
+    elif effects is not None and not effects.is_null:
+        msg = f"{what} is that of the four parameters: leave the effects out, or take the paper's"
+    elif phi_r_deg % 180.0 != 0.0:
+        msg = (
+            f"phi_r_deg = {phi_r_deg:g}: out of plane {what} is not reciprocal either. Give 0 or "
+            "180, or take reciprocal_brdf in Python"
+        )
+    else:
+        return
+    raise ConfigError(msg)
 
 
 def _lines(quantity: str, targets: Targets, values: Array) -> list[str]:

@@ -10,7 +10,6 @@ from pbrdf_bayes.io.run_folder import load_analysis, locked, write_bytes, write_
 from pbrdf_bayes.io.scene_arrays import scene_csv, scene_dataset
 from pbrdf_bayes.io.scene_toml import read_scene
 from pbrdf_bayes.model import Parameters
-from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.scene_prediction import predict_scene
 from pbrdf_bayes.scenes import Scene, SceneValues
 
@@ -58,20 +57,33 @@ def write_scene(
     """
     scene = read_scene(scene_toml)
     if out is None:
-        msg = "--scene needs --out FOLDER: it writes CSV, netCDF and pictures there"
+        msg = (
+            "--scene needs --out FOLDER: it writes CSV, netCDF and pictures there. "
+            "With --out - the CSV alone goes to standard output"
+        )
         raise ConfigError(msg)
     _refuse_other_content(out)
-    model = load_analysis(folder) if folder is not None else parameters
-    assert model is not None
-    values = _compute(model, scene, effects, rtol, scene_toml)
+    values = _compute(folder, parameters, scene, effects, rtol, scene_toml)
     with locked(out):
         _write(values, out)
     return out
 
 
+def scene_text(
+    scene_toml: Path, *, folder: Path | None, parameters: Parameters | None,
+    effects: Effects | None, rtol: float,
+) -> str:  # fmt: skip
+    """Text of ``scene.csv`` alone; arguments and errors as for `write_scene`."""
+    scene = read_scene(scene_toml)
+    return scene_csv(_compute(folder, parameters, scene, effects, rtol, scene_toml))
+
+
 def _compute(
-    model: Parameters | Analysis, scene: Scene, effects: Effects | None, rtol: float, path: Path
-) -> SceneValues:
+    folder: Path | None, parameters: Parameters | None, scene: Scene, effects: Effects | None,
+    rtol: float, path: Path,
+) -> SceneValues:  # fmt: skip
+    model = load_analysis(folder) if folder is not None else parameters
+    assert model is not None
     try:
         return predict_scene(model, scene, effects=effects, rtol=rtol)
     except (ConfigError, DomainError) as error:

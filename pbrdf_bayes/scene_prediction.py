@@ -17,12 +17,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
+from math import isclose
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.config import ACCURACIES
 from pbrdf_bayes.effects import INSTRUMENT_FIELDS, Effects, with_values
+from pbrdf_bayes.energy import DIFFUSE, check_energy
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.model import DOMAIN, MAX_THETA_I_DEG, Parameters, checked_angles, digits_of
 from pbrdf_bayes.physics.brdf import evaluate
@@ -39,7 +41,6 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 QUANTILES = (0.05, 0.5, 0.95)
-_DIFFUSE = ("lambert", "bulk", "volume", "backscatter")
 _MOST_VALUES = 4_000_000
 """Values of all draws that are in memory at a time."""
 _NONE = np.zeros(0)
@@ -114,9 +115,10 @@ def predict_scene(
     ------
     ConfigError
         When effects are given beside a run, are not known, or are those of the instrument in a
-        scene without ``instrument``.
+        scene without ``instrument``; when the scene has another wavelength than the run.
     DomainError
-        When an angle, an effect or the tolerance is out of range.
+        When an angle, an effect or the tolerance is out of range, or the sample would reflect more
+        than it receives.
 
     Notes
     -----
@@ -145,9 +147,13 @@ def predict_scene(
         if effects is not None or scene.effects:
             msg = "effects: a run has its own. Leave them out, or give parameters instead of a run"
             raise ConfigError(msg)
+        _check_wavelength(model, scene)
         drawn = _of_run(model, scene)
     else:
-        drawn = _of_parameters(model, _on_top(effects, scene), scene, rtol)
+        whole = _on_top(effects, scene)
+        incident = np.array([*scene.theta_i_deg, *scene.dhr_theta_i_deg])
+        check_energy(model.as_array(), whole, incident)
+        drawn = _of_parameters(model, whole, scene, rtol)
     return compute_scene(drawn, scene)
 
 
@@ -166,6 +172,16 @@ def _check_angles(scene: Scene) -> None:
     checked_angles("theta_r_deg", scene.theta_r_deg, -90.0, 90.0)
     checked_angles("phi_r_deg", scene.phi_r_deg, -360.0, 360.0)
     checked_angles("dhr_theta_i_deg", scene.dhr_theta_i_deg, 0.0, MAX_THETA_I_DEG)
+
+
+def _check_wavelength(analysis: Analysis, scene: Scene) -> None:
+    of_run, asked = float(analysis.summary["wavelength_um"]), scene.wavelength_um
+    if asked is not None and not isclose(asked, of_run, rel_tol=1e-6):
+        msg = (
+            f"wavelength_um = {asked:g} is not that of the run, {of_run:g}: parameters belong to "
+            "one wavelength. Give a run at this wavelength, or leave the key out"
+        )
+        raise ConfigError(msg)
 
 
 def _on_top(effects: Effects | None, scene: Scene) -> Effects:
@@ -191,7 +207,10 @@ def _of_parameters(
     found = found if scene.instrument else found.without(INSTRUMENT_FIELDS)
     text |= {name: f"{added[name]:.10g}" for name in found.names if name in added}
     text |= {name: word for name, word in shape.items() if word != getattr(Effects(), name)}
-    return replace(found, source={"parameters": ", ".join(f"{k} = {v}" for k, v in text.items())})
+    source = {"parameters": ", ".join(f"{k} = {v}" for k, v in text.items())}
+    if scene.wavelength_um is not None:
+        source["wavelength_um"] = f"{scene.wavelength_um:g}"
+    return replace(found, source=source)
 
 
 def _of_run(analysis: Analysis, scene: Scene) -> DrawnModel:
@@ -329,8 +348,8 @@ def _stokes(
     incident, angles = scene.stokes_incident, np.deg2rad(theta_r)
     frames = prepare_frames(np.broadcast_to(theta_i, angles.shape), angles, np.deg2rad(phi_r))
     of_facets = total
-    if set(_DIFFUSE) & set(model.names):
-        bare = _brdf(model.without(_DIFFUSE), np.rad2deg(theta_i[0]), theta_r, phi_r, ("s", "p"))
+    if set(DIFFUSE) & set(model.names):
+        bare = _brdf(model.without(DIFFUSE), np.rad2deg(theta_i[0]), theta_r, phi_r, ("s", "p"))
         of_facets = bare[:, 0], bare[:, 1]
     below_s, below_p = (a - b for a, b in zip(total, of_facets, strict=True))
     below = {"s": below_s, "p": below_p, "u": 0.5 * (below_s + below_p)}[incident]

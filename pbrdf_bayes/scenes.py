@@ -26,6 +26,7 @@ PHASES = ("fresnel", "paper")
 MOST_DIRECTIONS = 1_000_000
 """Directions times polarisations of a scene, at most."""
 DRAWS = (10, 4000)
+WAVELENGTHS_UM = (0.01, 1e4)
 SCENE_HELP = """\
 a scene file (angles in degrees: a list, or "LO:HI:STEP"; what is not asked for is not computed):
   theta_i_deg = [20, 60]
@@ -33,12 +34,14 @@ a scene file (angles in degrees: a list, or "LO:HI:STEP"; what is not asked for 
   phi_r_deg = "0:180:5"             # without it a scan in plane, theta_r_deg with sign
   polarizations = ["s", "p", "u"]
   dhr_theta_i_deg = "0:85:5"
+  wavelength_um = 3.39              # has to be that of the run; may be left out
   stokes_incident = "u"             # Stokes components of the light scattered from it
   depolarisation = 0.1              # share of it that is depolarised
   instrument = false                # with the effects of the instrument
   n_draws = 400                     # of the posterior, for the bands
   [effects]                         # with --params only: line_shape, lambert, volume, ...
-written to --out: scene.csv, scene.nc, scene.html and its pictures as SVG
+written to --out DIR: scene.csv, scene.nc, scene.html and its pictures as SVG; the CSV alone goes to
+standard output with --out -
 """
 """What a scene file looks like, for the help of the command line."""
 ANGLES = ("theta_i_deg", "theta_r_deg", "phi_r_deg", "dhr_theta_i_deg")
@@ -73,6 +76,9 @@ class Scene:
         Fields of `pbrdf_bayes.Effects` by name, beside given parameters; a run has its own.
     instrument : bool
         With the effects of the instrument: what it would read, and not what the sample does.
+    wavelength_um : float or None
+        Of the scene [um]; a run has to be of the same one. Parameters belong to one wavelength: a
+        scene at several takes a run each.
     n_draws : int
         Posterior draws that the bands of a run are made of, [10, 4000].
 
@@ -98,6 +104,7 @@ class Scene:
     depolarisation: float = 0.0
     effects: Mapping[str, Any] = field(default_factory=dict)
     instrument: bool = False
+    wavelength_um: float | None = None
     n_draws: int = 400
 
     def __post_init__(self) -> None:
@@ -108,6 +115,8 @@ class Scene:
         _words("phase", (self.phase,), PHASES)
         _number("depolarisation", self.depolarisation, 0.0, 1.0)
         _number("n_draws", self.n_draws, *DRAWS, whole=True)
+        if self.wavelength_um is not None:
+            _number("wavelength_um", self.wavelength_um, *WAVELENGTHS_UM)
         _kind("instrument", self.instrument, bool, "true or false")
         _kind("effects", self.effects, Mapping, "a table, e.g. [effects]")
         self._refuse_half_a_request()

@@ -25,7 +25,8 @@ from pbrdf_bayes.arguments import (
 from pbrdf_bayes.errors import ConfigError, ConvergenceError
 from pbrdf_bayes.verbs_conform import add_paperwork, paperwork_of
 
-_OF_SCENE = ("theta_i", "theta_r", "polarization", "dhr_theta_i", "phi_r")
+_OF_SCENE = ("theta_i", "theta_r", "polarization", "dhr_theta_i", "phi_r", "normalisation")
+_STDOUT = Path("-")
 
 
 def add_check(verbs: Any) -> None:
@@ -79,8 +80,12 @@ def add_predict(verbs: Any) -> None:
                         help="incidence angles of DHR rows")  # fmt: skip
     parser.add_argument("--phi-r", type=float, default=0.0, metavar="DEG", help="azimuth (0)")
     parser.add_argument("--rtol", type=float, default=1e-8, help="tolerance with --params (1e-8)")
+    parser.add_argument("--normalisation", default="paper", choices=("paper", "reciprocal"),
+                        help="with --params: that of Eq. (4) (default), or one that is reciprocal "
+                        "in plane with the same DHR")  # fmt: skip
     parser.add_argument("--scene", type=Path, metavar="TOML", help="what is wanted, see below")
-    parser.add_argument("--out", type=Path, metavar="CSV", help="or stdout; for a scene: a folder")
+    parser.add_argument("--out", type=Path, metavar="CSV",
+                        help="default or -: stdout; of a scene: a folder, or -")  # fmt: skip
     parser.set_defaults(defaults={name: parser.get_default(name) for name in _OF_SCENE})
 
 
@@ -192,26 +197,32 @@ def _predict(options: argparse.Namespace) -> int:
         folder=options.folder, parameters=given[0], effects=given[1],
         theta_i_deg=options.theta_i, theta_r_deg=options.theta_r, phi_r_deg=options.phi_r,
         dhr_theta_i_deg=options.dhr_theta_i, polarizations=options.polarization,
-        rtol=options.rtol,
+        rtol=options.rtol, reciprocal=options.normalisation == "reciprocal",
     )  # fmt: skip
     _write_out(text, options.out)
     return DONE
 
 
 def _predict_scene(options: argparse.Namespace, parameters: Any, effects: Any) -> int:
-    from pbrdf_bayes.scene_files import write_scene
+    from pbrdf_bayes.scene_files import scene_text, write_scene
 
     for name, default in options.defaults.items():
         if getattr(options, name) != default:
             msg = f"--{name.replace('_', '-')} with --scene: say it in the scene file instead"
+            if name == "normalisation":
+                msg = "--normalisation with --scene: scenes have that of the paper. Leave it out"
             raise ConfigError(msg)
-    print(write_scene(options.scene, options.out, folder=options.folder, parameters=parameters,
-                      effects=effects, rtol=options.rtol))  # fmt: skip
+    model = {"folder": options.folder, "parameters": parameters, "effects": effects,
+             "rtol": options.rtol}  # fmt: skip
+    if options.out == _STDOUT:
+        sys.stdout.write(scene_text(options.scene, **model))
+    else:
+        print(write_scene(options.scene, options.out, **model))
     return DONE
 
 
 def _write_out(text: str, out: Path | None) -> None:
-    if out is None:
+    if out is None or out == _STDOUT:
         sys.stdout.write(text)
         return
     from pbrdf_bayes.io.run_folder import write_text

@@ -38,6 +38,7 @@ from pbrdf_bayes.inference.leave_one_out import leave_each_out
 from pbrdf_bayes.inference.map_fit import MapResult, find_map
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior, normalisation_change
 from pbrdf_bayes.inference.power_scaling import measure_sensitivity
+from pbrdf_bayes.inference.prior_support import refuse_impossible_priors
 from pbrdf_bayes.inference.reciprocity_size import measure_reciprocity
 from pbrdf_bayes.inference.residuals import (
     calibrated_residuals,
@@ -136,6 +137,7 @@ def fit(
     with clock.stage("check"):
         checks = check_measurement(measurement)
         posterior = build_posterior(measurement, config)
+        refuse_impossible_priors(posterior)
     return _fit_posterior(posterior, checks, seed, clock, choice=choice)
 
 
@@ -309,6 +311,7 @@ def fit_file(
         checks = check_measurement(measurement)
         named = replace(config, effects=()) if config.effects == AUTO else config
         posterior = build_posterior(measurement, named)
+        refuse_impossible_priors(posterior)
     folder = out or run_folder.new_run_folder(Path("reports"), measurement.sample)
     _refuse_other_content(folder, resume=resume)
     if resume and run_folder.is_finished(folder):

@@ -20,6 +20,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "physics"),
     ("config", "measurement", "results"),
     ("effects", "scenes"),
+    ("energy",),
     ("model",),
     (
         "scan_statistics",

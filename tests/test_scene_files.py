@@ -311,3 +311,43 @@ def test_the_help_shows_a_scene_that_works(here, capsys):
     scene = read_scene(Path("scene.toml"))
     assert scene.n_directions == 2 * 35 * 37
     assert scene.depolarisation == 0.1
+
+
+# ----------------------------------------------------------------------- wavelength, and the CSV alone
+
+
+def test_a_scene_is_of_the_wavelength_of_the_run(here, capsys, finished_run):
+    assert ask(PLANE + "wavelength_um = 3.39\nn_draws = 10\n", finished_run) == 0
+    assert "3.39 µm" in Path("o/scene.html").read_text(encoding="utf-8")
+    assert ask(PLANE + "wavelength_um = 4.5\n", finished_run, out="other") == 2
+    told = capsys.readouterr().err
+    assert "scene.toml: wavelength_um = 4.5 is not that of the run, 3.39" in told
+    assert not Path("other").exists()
+    assert ask(PLANE + "wavelength_um = 4.5\n", out="given") == 0
+    assert "4.5 µm" in Path("given/scene.html").read_text(encoding="utf-8")
+    assert ask(PLANE + "wavelength_um = 0\n", out="none") == 2
+    assert "wavelength_um = 0 is not allowed: give a number in [0.01, 10000]" in (
+        capsys.readouterr().err
+    )
+
+
+def test_a_dash_sends_the_csv_to_standard_output(here, capsys):
+    assert ask(WHOLE) == 0
+    capsys.readouterr()
+    assert ask(WHOLE, out="-") == 0
+    assert capsys.readouterr().out == Path("o/scene.csv").read_text(encoding="utf-8")
+    assert main(["predict", "--params", PARAMS, "--theta-r", "0:10:5"]) == 0
+    bare = capsys.readouterr().out
+    assert main(["predict", "--params", PARAMS, "--theta-r", "0:10:5", "--out", "-"]) == 0
+    assert capsys.readouterr().out == bare
+    assert names(here) == {"scene.toml", "o"}
+
+
+def test_a_page_without_maps_says_what_they_need(here):
+    text = 'theta_i_deg = 40\ntheta_r_deg = "10:80:5"\nphi_r_deg = "20:160:20"\n'
+    assert ask(text) == 0
+    page = Path("o/scene.html").read_text(encoding="utf-8")
+    assert "maps need theta_r from 0" in page
+    assert ask(text.replace("20:160", "0:120"), out="half") == 0
+    page = Path("half/scene.html").read_text(encoding="utf-8")
+    assert "maps need theta_r from 0" in page

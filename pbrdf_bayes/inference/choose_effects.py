@@ -1,6 +1,7 @@
 """Which effects the data call for: by what is predicted of readings left out, never by the fit.
 
-Candidates grow by one effect at a time, from the four-parameter model. Each is fitted with every
+Candidates grow by one effect at a time, from the four-parameter model; where the Cauchy line shape
+gains, the Gaussian and the Voigt shape stand beside it. Each is fitted with every
 angle of incidence left out, and each polarisation where both were measured; its score is the mean
 of ln(rms of the readings left out) over these cases. Of the candidates that the best one does not
 beat the smallest is taken. To beat is to gain more than `LEAST_GAIN`, and more than the standard
@@ -13,7 +14,7 @@ simulated paints that had none.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -22,12 +23,14 @@ from numpy.typing import NDArray
 from scipy.stats import t as student_t
 from threadpoolctl import threadpool_limits
 
-from pbrdf_bayes.config import AUTO, SAMPLE_EFFECTS, RunConfig
+from pbrdf_bayes.config import AUTO, RunConfig
 from pbrdf_bayes.errors import DataError
+from pbrdf_bayes.inference.effect_candidates import caution, grown, in_words, of_other_shapes
 from pbrdf_bayes.inference.holdout import draft_of
 from pbrdf_bayes.inference.holdout_cases import Case, list_cases
 from pbrdf_bayes.inference.map_fit import climb, coordinate_bounds, find_map
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
+from pbrdf_bayes.inference.prior_support import possible_samples
 from pbrdf_bayes.inference.residuals import calibrated_residuals
 from pbrdf_bayes.measurement import Measurement, select_scans
 
@@ -84,11 +87,15 @@ class Scored:
 
 @dataclass(frozen=True)
 class EffectsChoice:
-    """All candidates, the smallest first, and which one was taken."""
+    """All candidates, the smallest first, and which one was taken.
+
+    ``caution`` is what is to be said where too few cases could be left out.
+    """
 
     candidates: tuple[Scored, ...]
     cases: tuple[str, ...]
     statement: str
+    caution: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,14 +140,15 @@ def choose_effects(
     base = as_chosen(measurement, config, effects=(), line_shape=config.line_shape)
     if not cases:
         words = "There is one angle of incidence only: nothing could be left out, nothing is added."
-        return base, EffectsChoice((), (), words)
+        return base, EffectsChoice((), (), words, caution(0))
     tried = _grow(measurement, base, cases, seed, told)
     best = min(tried, key=lambda t: t.score)
     chosen = _smallest_as_good(tried, best)
     scored = [_score(t, best, chosen=t is chosen) for t in tried]
     scored.sort(key=lambda s: (s.n_free, s.score))
     names = tuple(case.name for case in cases)
-    return chosen.config, EffectsChoice(tuple(scored), names, _statement(chosen, tried[0], config))
+    words = _statement(chosen, tried[0], config)
+    return chosen.config, EffectsChoice(tuple(scored), names, words, caution(len(names)))
 
 
 def compare_configs(
@@ -237,15 +245,25 @@ def _grow(
     whole = _quick_posterior(measurement, base)
     tried = [_try(base, whole, _optimum(whole, seed), cases)]
     best = tried[0]
-    while True:
-        grown = []
-        for larger in _grown(best.config):
-            told(_name(larger))
+
+    def attempt(configs: Iterable[RunConfig]) -> list[_Tried]:
+        found = []
+        for larger in configs:
             whole = _quick_posterior(measurement, larger)
+            if not len(possible_samples(whole)):  # beside a fixed parameter there is no room for it
+                continue
+            told(in_words(larger))
             starts = [_optimum(whole, seed), _begun_from(best, whole)]
-            grown.append(_try(larger, whole, _highest(whole, starts), cases))
-        tried += grown
-        next_best = min(grown, key=lambda t: t.score, default=best)
+            found.append(_try(larger, whole, _highest(whole, starts), cases))
+        return found
+
+    while True:
+        larger = attempt(grown(best.config))
+        for one in [t for t in larger if t.config.line_shape != best.config.line_shape]:
+            if _is_better(one, best):
+                larger += attempt(of_other_shapes(one.config))
+        tried += larger
+        next_best = min(larger, key=lambda t: t.score, default=best)
         if not _is_better(next_best, best):
             return tried
         best = next_best
@@ -260,16 +278,6 @@ def _begun_from(smaller: _Tried, larger: Posterior) -> Array:
     start = larger.prior_quantile(np.full((1, larger.n_par), _ADDED_AT))[0]
     at_quantile = zip(larger.parameter_names, start.tolist(), strict=True)
     return np.array([known.get(name, value) for name, value in at_quantile])
-
-
-def _grown(config: RunConfig) -> Iterator[RunConfig]:
-    """Configurations with one effect of the sample, or another line shape, more."""
-    for name in SAMPLE_EFFECTS:
-        effects = (*config.effects, name)
-        if name not in config.effects and not {"lambert", "bulk"} <= set(effects):
-            yield replace(config, effects=effects)
-    if config.line_shape == "lorentzian":
-        yield replace(config, line_shape="cauchy")
 
 
 def _try(config: RunConfig, whole: Posterior, best: Array, cases: Sequence[Case]) -> _Tried:
@@ -365,7 +373,7 @@ def _smallest_as_good(tried: Sequence[_Tried], best: _Tried) -> _Tried:
 def _score(tried: _Tried, best: _Tried, *, chosen: bool) -> Scored:
     difference, u = (0.0, 0.0) if tried is best else _paired(tried, best)
     return Scored(
-        name=_name(tried.config), effects=tried.config.effects,
+        name=in_words(tried.config), effects=tried.config.effects,
         line_shape=tried.config.line_shape, n_free=tried.n_free, rms_dex=tried.rms_dex,
         held_out_dex=float(np.sqrt(np.mean(np.exp(2.0 * tried.log_rms)))), score=tried.score,
         difference=difference, u_difference=u, at_bound=tried.at_bound,
@@ -373,18 +381,15 @@ def _score(tried: _Tried, best: _Tried, *, chosen: bool) -> Scored:
     )  # fmt: skip
 
 
-def _name(config: RunConfig) -> str:
-    return " + ".join(config.additions) or "four parameters"
-
-
 def _statement(chosen: _Tried, base: _Tried, asked: RunConfig) -> str:
     held = ""
     if "n" in chosen.config.priors and "n" not in asked.priors:
         held = f" n is held at {TYPICAL_N}: without s and p scans or DHR it is not identified."
     if chosen is base:
-        return f"Nothing beyond {_name(base.config)} predicts readings left out better.{held}"
+        return f"Nothing beyond {in_words(base.config)} predicts readings left out better.{held}"
     change = 1.0 - np.exp(chosen.score - base.score)
+    share = "more than 99" if change > 0.99 else f"{100 * change:.0f}"
     return (
-        f"{_name(chosen.config)}: errors of prediction are {100 * change:.0f} % smaller than with "
-        f"{_name(base.config)}.{held}"
+        f"{in_words(chosen.config)}: errors of prediction are {share} % smaller than "
+        f"with {in_words(base.config)}.{held}"
     )

@@ -13,6 +13,7 @@ from scipy.stats import qmc
 
 from pbrdf_bayes.errors import FitError
 from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.inference.prior_support import possible_samples
 from pbrdf_bayes.inference.rejected import Rejected, rejected_among
 
 Array = NDArray[np.float64]
@@ -109,6 +110,9 @@ def find_map(posterior: Posterior, *, n_starts: int = 16, seed: int) -> MapResul
     points = sobol.random_base2(ceil(log2(n_starts * _SCREENED_PER_START)))
     x = posterior.prior_quantile(np.clip(points, 1e-3, 1.0 - 1e-3))
     density = posterior.log_prob(x)
+    if not np.isfinite(density).any():  # hardly any sample of the prior may be possible
+        x = possible_samples(posterior)[: len(x)]
+        density = posterior.log_prob(x)
     order = np.argsort(-density)
     n_best = n_starts // 2
     rest = order[n_best:][np.isfinite(density[order[n_best:]])]

@@ -39,7 +39,8 @@ Array = NDArray[np.float64]
 
 _FINER_DIGITS = 4.0
 _STEP = 1e-5
-_MOST_REDRAWS = 1000
+_REDRAWS = (50, 250)
+_BATCH = 16_384
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,11 +226,17 @@ class Posterior:
             Where next to no sample of the prior reflects less than it receives.
         """
         found = self.prior_quantile(rng.random((size, self.n_par)))
-        for _ in range(_MOST_REDRAWS):
-            bad = ~np.isfinite(self.log_prior(found))
-            if not bad.any():
+        for turn in range(sum(_REDRAWS)):
+            bad = np.flatnonzero(~np.isfinite(self.log_prior(found)))
+            if not bad.size:
                 return found
-            found[bad] = self.prior_quantile(rng.random((int(bad.sum()), self.n_par)))
+            n_new = bad.size if turn < _REDRAWS[0] else _BATCH  # where hardly any is possible
+            new = self.prior_quantile(rng.random((n_new, self.n_par)))
+            if n_new > bad.size:
+                new = new[np.isfinite(self.log_prior(new))][: bad.size]
+            if not len(new):
+                break
+            found[bad[: len(new)]] = new
         msg = (
             "the priors give samples that reflect more than they receive: lower those of sigma_n0 "
             "or of the strengths of the diffuse terms"

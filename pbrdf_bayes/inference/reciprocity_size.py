@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.config import RunConfig
-from pbrdf_bayes.effects import INSTRUMENT_FIELDS, Effects
+from pbrdf_bayes.effects import INSTRUMENT_FIELDS, Effects, effects_of_fit
 from pbrdf_bayes.errors import DomainError
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.measurement import Measurement
@@ -80,22 +80,23 @@ def measure_reciprocity(posterior: Posterior, x_map: Array) -> ReciprocitySize |
     Returns
     -------
     ReciprocitySize or None
-        None where the MAP reflects totally beyond some angle (n < 1 with hardly any k).
+        None where the MAP reflects totally beyond some angle (n < 1 with hardly any k), or with
+        effects more than it receives at an angle that was not measured.
     """
     names, config = posterior.parameter_names, posterior.config
     values = dict(zip(names, x_map.tolist(), strict=True))
+    grid = np.array(THETA_DEG)
     try:
         parameters = Parameters(**{name: values[name] for name in names[:4]})
+        effects = sample_effects(config, values)
+        table = reciprocity_defect(
+            parameters, grid[:, None], grid, effects=effects, rtol=config.rtol
+        )
+        largest = _largest(posterior.measurement, parameters, effects, config.rtol)
     except DomainError:
         return None
-    effects = sample_effects(config, values)
-    grid = np.array(THETA_DEG)
-    table = reciprocity_defect(parameters, grid[:, None], grid, effects=effects, rtol=config.rtol)
-    return ReciprocitySize(
-        theta_deg=THETA_DEG,
-        factors={q: table[i].tolist() for i, q in enumerate("sp")},
-        largest=_largest(posterior.measurement, parameters, effects, config.rtol),
-    )
+    factors = {q: table[i].tolist() for i, q in enumerate("sp")}
+    return ReciprocitySize(theta_deg=THETA_DEG, factors=factors, largest=largest)
 
 
 def sample_effects(config: RunConfig, values: Mapping[str, float]) -> Effects:
@@ -108,10 +109,8 @@ def sample_effects(config: RunConfig, values: Mapping[str, float]) -> Effects:
         By the names of the columns of the posterior.
     """
     of_sample = [n for n in EffectValues._fields if n in values and n not in INSTRUMENT_FIELDS]
-    return Effects(
-        line_shape=config.line_shape, fresnel_at=config.fresnel_at,
-        **{name: values[name] for name in of_sample},
-    )  # fmt: skip
+    choices = {"line_shape": config.line_shape, "fresnel_at": config.fresnel_at}
+    return effects_of_fit(choices | {name: values[name] for name in of_sample})
 
 
 def _largest(

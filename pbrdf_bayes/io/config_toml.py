@@ -21,7 +21,7 @@ def read_config(path: Path | None, overrides: Mapping[str, Any]) -> RunConfig:
     path : Path or None
         None takes the defaults.
     overrides : mapping
-        Values by key; None means not given.
+        Values by key, each an option of that name; None means not given.
 
     Returns
     -------
@@ -30,17 +30,25 @@ def read_config(path: Path | None, overrides: Mapping[str, Any]) -> RunConfig:
     Raises
     ------
     ConfigError
-        File missing or not TOML, unknown key, value not allowed; the message names file and key.
+        File missing or not TOML, unknown key, value not allowed; the message names file and key, or
+        the option.
     """
     table: dict[str, Any] = {} if path is None else read_toml(path)
     check_keys(table, where=str(path))
-    table |= {key: value for key, value in overrides.items() if value is not None}
+    config = _named(table, str(path))
+    for key, value in overrides.items():
+        if value is not None:
+            table[key] = value
+            config = _named(table, f"--{key.replace('_', '-')}")
+    return config
+
+
+def _named(table: Mapping[str, Any], where: str) -> RunConfig:
+    """The configuration; an error names where the last value came from."""
     try:
         return config_from_table(table)
     except ConfigError as error:
-        if path is None:
-            raise
-        msg = f"{path}: {error}"
+        msg = f"{where}: {error}"
         raise ConfigError(msg) from None
 
 

@@ -12,6 +12,10 @@ from pbrdf_bayes.scenes import SceneValues
 
 _FONT = "Arial, Helvetica, sans-serif"
 _WORDS = {"verdict": "verdict of the fit"}
+_NO_MAP = (
+    "no polar map: maps need theta_r from 0 on and phi_r from 0 to 180°, in steps of 90° at most; "
+    "all values are in scene.csv and scene.nc"
+)
 _PARTS = {
     "plane": ("In the plane of incidence", "Scattering angles from −90° (back) to 90° (forward)."),
     "hemisphere": (
@@ -54,6 +58,9 @@ def render_scene(values: SceneValues, pictures: Sequence[ScenePicture]) -> str:
     n_drawn = len(drawn_incidences(values))
     if n_drawn < len(scene.theta_i_deg):
         lines.append(f"drawn: {n_drawn} of {len(scene.theta_i_deg)} angles of incidence")
+    drawn = {picture.part for picture in pictures}
+    if drawn and scene.theta_i_deg and not scene.in_plane and "hemisphere" not in drawn:
+        lines.append(_NO_MAP)
     if scene.stokes_incident:
         share = f", share of depolarised light {scene.depolarisation:g}"
         lines.append(

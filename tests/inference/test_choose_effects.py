@@ -13,6 +13,7 @@ from pbrdf_bayes import (
     build_posterior,
     simulate_measurement,
 )
+from pbrdf_bayes.inference import choose_effects as choosing
 from pbrdf_bayes.inference.choose_effects import choose_effects
 
 AUTO = RunConfig(effects=("auto",))
@@ -33,6 +34,7 @@ def test_nothing_is_added_to_a_strict_paint(seed):
     assert config.line_shape == "lorentzian"
     assert [c.name for c in choice.candidates if c.chosen] == ["four parameters"]
     assert "Nothing beyond" in choice.statement
+    assert {c.line_shape for c in choice.candidates} == {"lorentzian", "cauchy"}
 
 
 def test_diffuse_scatter_is_found():
@@ -51,6 +53,7 @@ def test_one_angle_and_one_polarisation_leave_nothing_to_choose_by():
     config, choice = choose_effects(measurement, AUTO, seed=1)
     assert config.effects == ()
     assert choice.candidates == ()
+    assert "no statistics" in choice.caution
 
 
 def test_named_effects_are_left_alone():
@@ -61,3 +64,47 @@ def test_named_effects_are_left_alone():
 def test_a_posterior_needs_effects_by_name():
     with pytest.raises(ConfigError, match="effects = auto"):
         build_posterior(simulated(1), AUTO)
+
+
+@pytest.fixture
+def gains(monkeypatch):
+    """Nothing is fitted: another line shape gains what is given, an effect loses."""
+
+    def patch(gain):
+        def scored(config, whole, best, cases):
+            better = gain * (config.line_shape != "lorentzian") - 0.1 * len(config.effects)
+            return choosing._Tried(
+                config=config, names=whole.parameter_names, optimum=best,
+                n_free=len(whole.of_model), rms_dex=0.1,
+                log_rms=-better + 1e-3 * np.arange(len(cases)), at_bound=(), microseconds=1.0,
+            )  # fmt: skip
+
+        monkeypatch.setattr(choosing, "_try", scored)
+        monkeypatch.setattr(choosing, "_optimum", lambda whole, _: np.zeros(whole.n_par))
+        monkeypatch.setattr(choosing, "_highest", lambda _, starts: starts[0])
+
+    return patch
+
+
+def test_two_cases_are_called_hardly_any_statistics(gains):
+    gains(0.0)
+    measurement = simulate_measurement(
+        GREEN_PAINT, seed=1, theta_i_deg=(10.0, 50.0), theta_r_deg=GRID, polarizations=("u",)
+    )
+    _, choice = choose_effects(measurement, AUTO, seed=1)
+    assert len(choice.cases) == 2
+    assert choice.caution.startswith("The choice has almost no statistics behind it: only 2 cases")
+
+
+@pytest.mark.parametrize(("gain", "tried"), [
+    (0.5, {"lorentzian", "cauchy", "gaussian", "voigt"}),
+    (0.01, {"lorentzian", "cauchy"}),
+    (-0.5, {"lorentzian", "cauchy"}),
+])  # fmt: skip
+def test_other_line_shapes_are_tried_where_the_cauchy_shape_gains(gains, gain, tried):
+    """And the Gaussian, which needs no parameter more, is taken where it does as well."""
+    gains(gain)
+    config, choice = choose_effects(simulated(2), AUTO, seed=1)
+    assert {c.line_shape for c in choice.candidates} == tried
+    assert config.line_shape == ("gaussian" if gain == 0.5 else "lorentzian")
+    assert choice.caution == ""

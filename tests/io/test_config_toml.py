@@ -176,3 +176,17 @@ def test_a_table_with_an_unknown_key_is_our_error() -> None:
     table: dict[str, Any] = {**config_table(RunConfig()), "chromatic": True}
     with pytest.raises(ConfigError, match="chromatic"):
         config_from_table(table)
+
+
+def test_a_wrong_option_is_named_and_not_the_file(tmp_path):
+    path = tmp_path / "run.toml"
+    path.write_text('effects = ["volume"]\n', encoding="utf-8")
+    for file in (path, None):
+        with pytest.raises(ConfigError, match=r"^--effects: effects = 'lambrt' .*'lambert'") as one:
+            read_config(file, {"accuracy": "draft", "effects": ("lambrt",)})
+        assert "run.toml" not in str(one.value)
+    with pytest.raises(ConfigError, match=r"^--brdf-floor: brdf_floor = -1"):
+        read_config(path, {"brdf_floor": -1.0})
+    path.write_text('effects = ["lambrt"]\n', encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"run\.toml: effects = 'lambrt'"):
+        read_config(path, {"accuracy": "draft"})

@@ -360,3 +360,19 @@ def test_the_first_screen_says_where_n_and_k_are_no_constants() -> None:
     first = page[: page.index("<main")]
     assert words in first
     assert words not in render_report(found)
+
+
+@pytest.mark.parametrize("caution", ["", "The choice has almost no statistics behind it."])
+def test_a_choice_without_statistics_says_so_in_the_table(caution: str) -> None:
+    found = analysis("demo")
+    candidate = {
+        "name": "lambert", "effects": ["lambert"], "line_shape": "lorentzian", "n_free": 5,
+        "rms_dex": 0.01, "held_out_dex": 0.02, "score": -4.0, "difference": 0.0,
+        "u_difference": 0.0, "at_bound": [], "microseconds": 50.0, "chosen": True,
+    }  # fmt: skip
+    choice = {"candidates": [candidate], "cases": ["10 deg", "50 deg"], "statement": "So."}
+    summary = {**found.summary, "effects_choice": {**choice, "caution": caution}}
+    page = render_report(replace(found, summary=summary))
+    assert ("Only 2 cases: the standard errors mean little." in page) is bool(caution)
+    assert caution in page
+    assert render_report(replace(found, summary={**summary, "effects_choice": choice}))

@@ -1,0 +1,72 @@
+"""Priors that leave no sample are named and refused, and nothing is left behind."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pbrdf_bayes as pb
+from pbrdf_bayes.cli import main
+from pbrdf_bayes.inference.map_fit import find_map
+from pbrdf_bayes.inference.prior_support import possible_samples, refuse_impossible_priors
+
+pytestmark = pytest.mark.usefixtures("signals_as_before")
+
+
+def fixed(**values: float) -> dict[str, dict[str, object]]:
+    return {name: {"kind": "fixed", "value": value} for name, value in values.items()}
+
+
+BAD = [
+    (
+        ("lambert",), fixed(sigma_n0=1.0, lambert=0.5),
+        r"priors: sigma_n0 fixed at 1, lambert fixed at 0\.5: of 16384 samples .* Lower one of them",
+    ),
+    (("volume", "bulk"), {"bulk": {"kind": "uniform", "low": 0.99}, **fixed(volume=0.9)},
+     r"sigma_n0 Uniform\[0, 1\], volume fixed at 0\.9, bulk Uniform\[0\.99, 1\]"),
+    ((), fixed(n=1.0, k=0.0), r"priors: n fixed at 1, k fixed at 0: that is no surface"),
+    ((), fixed(sigma_n0=0.0), r"priors: sigma_n0 fixed at 0: such a sample reflects nothing"),
+    (("lambert",), fixed(sigma_n0=0.0, lambert=0.0), r"such a sample reflects nothing"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("effects", "priors", "message"), BAD)
+def test_impossible_priors_are_named(small_csv, effects, priors, message) -> None:
+    config = pb.RunConfig(effects=effects, priors=priors, accuracy="draft")
+    with pytest.raises(pb.ConfigError, match=message):
+        pb.fit(pb.read_measurement(small_csv), config)
+
+
+def test_the_program_ends_with_two_and_no_folder(here, capsys, small_csv) -> None:
+    text = 'effects = ["lambert"]\n[priors]\n'
+    text += "".join(
+        f'{name} = {{ kind = "fixed", value = {value} }}\n'
+        for name, value in (("sigma_n0", 1.0), ("lambert", 0.5))
+    )
+    Path("run.toml").write_text(text, encoding="utf-8")
+    assert main(["fit", str(small_csv), "--config", "run.toml", "--out", "o", "--quiet"]) == 2
+    captured = capsys.readouterr()
+    assert "priors: sigma_n0 fixed at 1, lambert fixed at 0.5" in captured.err
+    assert captured.out == ""
+    assert [path.name for path in here.iterdir()] == ["run.toml"]
+
+
+def test_a_black_surface_over_diffuse_scatter_is_possible(small_csv) -> None:
+    config = pb.RunConfig(effects=("lambert",), priors=fixed(sigma_n0=0.0))
+    refuse_impossible_priors(pb.build_posterior(pb.read_measurement(small_csv), config))
+
+
+def test_a_sliver_of_the_prior_is_enough(small_csv) -> None:
+    """Beside sigma_n0 = 1 an albedo below 0.004 is left: one sample of the prior in 250."""
+    config = pb.RunConfig(effects=("lambert",), priors=fixed(sigma_n0=1.0), noise="iid")
+    posterior = pb.build_posterior(pb.read_measurement(small_csv), config)
+    column = posterior.parameter_names.index("lambert")
+    refuse_impossible_priors(posterior)
+    assert 0 < len(possible_samples(posterior)) < 200
+    draws = posterior.sample_prior(np.random.default_rng(1), 4000)[:, column]
+    assert draws.max() < 0.02
+    assert np.unique(draws).size == 4000
+    best = find_map(posterior, n_starts=2, seed=0).best
+    assert best.x[column] < 0.02
