@@ -296,15 +296,28 @@ def fit_file(
         ``out`` holds a run already or a different one, is in use by another process, has a damaged
         checkpoint, or cannot be written.
     """
+    observer = observer or Observer()
+    observer.stage("read")
+    measurement = read_measurement(
+        csv, sample=sample, wavelength_um=wavelength_um, brdf_floor=config.brdf_floor
+    )
+    folder = out or run_folder.new_run_folder(Path("reports"), measurement.sample)
+    return fit_into(folder, measurement, config, seed=seed, resume=resume, observer=observer)
+
+
+def fit_into(
+    folder: Path, measurement: Measurement, config: RunConfig, *, seed: int = DEFAULT_SEED,
+    resume: bool = False, observer: Observer | None = None, brief: bool = False,
+) -> FitRun:  # fmt: skip
+    """From a measurement to its run folder and report; see `fit_file`.
+
+    ``brief`` makes the report with one figure alone; `rebuild_report` draws the others.
+    """
     clock = _Clock(observer or Observer())
-    with clock.stage("read"):
-        measurement = read_measurement(
-            csv, sample=sample, wavelength_um=wavelength_um, brdf_floor=config.brdf_floor
-        )
+    with clock.stage("check"):
         checks = check_measurement(measurement)
         named = replace(config, effects=()) if config.effects == AUTO else config
         posterior = build_posterior(measurement, named)
-    folder = out or run_folder.new_run_folder(Path("reports"), measurement.sample)
     _refuse_other_content(folder, resume=resume)
     if resume and run_folder.is_finished(folder):
         summary = finished_summary(folder, as_finished(posterior, config, folder), seed)
@@ -321,18 +334,14 @@ def fit_file(
         checkpoints = open_checkpoints(folder, run_identity(posterior, seed))
         with going_on(checkpoints):
             analysis = _fit_posterior(posterior, checks, seed, clock, checkpoints, choice)
-            report = _render(analysis, clock)
+            with clock.stage("report"):
+                report = render_report(analysis, brief=brief)
         told = [f"sample {measurement.sample!r}, seed {seed}", *clock.log]
         log = "\n".join([*told, *history(checkpoints, analysis.summary), ""])
         run_folder.save_analysis(analysis, folder, report=report, log=log)
         if analysis.summary["status"] == "done":
             remove_checkpoints(folder)
     return FitRun(folder, analysis.summary["status"], analysis.summary["verdict"])
-
-
-def _render(analysis: Analysis, clock: _Clock) -> str:
-    with clock.stage("report"):
-        return render_report(analysis)
 
 
 def _refuse_other_content(folder: Path, *, resume: bool) -> None:
