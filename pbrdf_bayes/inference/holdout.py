@@ -147,7 +147,7 @@ def run_holdout(
 
 
 def draw_quickly(posterior: Posterior, start: Mixture, seed: int) -> tuple[Mixture, Array | None]:
-    """Draws for the band of a prediction, by importance sampling with a proposal good enough for it.
+    """Draws for the band of a prediction, from a proposal that is good enough for it.
 
     Returns
     -------
