@@ -54,7 +54,7 @@ HOMES = {
     "emcee": {"inference.sampling", "inference.ensembles"}, "arviz_stats": {"inference.arviz_adapter"},
     "jsonschema": {"io"}, "tomllib": {"io"}, "csv": {"io", "batch.index"}, "argparse": {"arguments", "verbs", "verbs_batch", "cli"}, "pandas": {"io"},
     "xarray": {"io", "tree", "results"}, "numba": {"physics", "inference", "bench", "compile_ahead"},
-    "llvmlite": {"physics.elementary"}, "fcntl": {"io.run_folder"}, "signal": {"cli", "batch.work"}, "distributed": {"batch.executors"}, "multiprocessing": {"batch.executors", "batch.work"},
+    "llvmlite": {"physics.elementary"}, "fcntl": {"io.run_folder"}, "signal": {"cli", "batch.work"}, "distributed": {"batch.executors"},
     "threadpoolctl": {"inference", "bench"}, "subprocess": {"compile_ahead"}, "pickle": set(), "arviz": set(),
     "random": set(), "pathlib": {"io", "resume", "compile_ahead", "workflow", "checking", "parameters_json", "prediction", "scene_files", "arguments", "verbs", "verbs_batch", "cli", "bench", "batch", "validation", "physics.compiled"},
     "os": {"io", "cli", "bench", "batch"}, "tempfile": {"io"}, "time": {"inference.choose_effects", "inference.ensembles", "io.checkpoint", "workflow", "bench", "batch", "validation"},

@@ -228,11 +228,14 @@ class _Batch:
                         self._take(i, future.result(), waiting)
                     except BrokenExecutor:
                         broken.append(i)
+                    except Exception as error:  # of the cluster: it gave the sample up
+                        text = f"{type(error).__name__}: {error}"
+                        self._take(i, failed_row(self.jobs[i], text), waiting)
         except BrokenExecutor:  # on handing over
-            pass_on = sorted(self.running.values())
-            broken += pass_on
+            broken += self.running.values()
         finally:
-            broken += [i for i in self.running.values() if i not in broken] if broken else []
+            if broken:
+                broken = sorted({*broken, *self.running.values()})
             self.running.clear()
             crew.stop(executor)
         return broken

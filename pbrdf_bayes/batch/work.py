@@ -17,7 +17,13 @@ from pbrdf_bayes.errors import PbrdfError, RunFolderError
 from pbrdf_bayes.io.run_folder import is_finished, load_summary
 from pbrdf_bayes.workflow import fit_into
 
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1")  # fmt: skip
+ONE_THREAD = dict.fromkeys(
+    (
+        "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS",
+        "VECLIB_MAXIMUM_THREADS",
+    ),
+    "1",
+)  # fmt: skip
 """Environment of a worker: as many processes as cores, so one thread each."""
 
 

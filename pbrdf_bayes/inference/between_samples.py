@@ -84,19 +84,19 @@ def infer_spread(values: ArrayLike, uncertainties: ArrayLike) -> Spread:
     y, s = (np.asarray(v, dtype=np.float64) for v in (values, uncertainties))
     _refuse(y, s)
     scale = float(np.std(y) + s.mean())
-    # tau = scale u / (1 - u) takes [0, inf) to [0, 1); sinh-like crowding is not needed
+    # tau = scale u / (1 - u): the grid reaches from 0 to infinity
     u = np.linspace(0.0, 1.0, _N_GRID + 1)[:-1]
     u[0] = 1e-9
     tau = scale * u / (1.0 - u)
     log_density = _log_density(tau, y, s) - 2.0 * np.log1p(-u)
-    density = np.exp(log_density - log_density.max())
-    mass = cumulative_trapezoid(density, u, initial=0.0)
+    density: Array = np.exp(log_density - log_density.max())
+    mass: Array = cumulative_trapezoid(density, u, initial=0)
     # beyond the last node the integrand is a power of 1 - u, flat for three samples: a rectangle
     total = mass[-1] + density[-1] * (1.0 - u[-1])
-    sd = [float(np.interp(p * total, mass, tau)) for p in _INTERVAL]
+    q025, median, q975 = (float(np.interp(p * total, mass, tau)) for p in _INTERVAL)
     weight = np.gradient(mass)
     mean = _mean_quantiles(tau, weight / weight.sum(), y, s)
-    return Spread(y.size, _mode(tau, y, s), *sd, mean[1], mean[0], mean[2])
+    return Spread(y.size, _mode(tau, y, s), q025, median, q975, mean[1], mean[0], mean[2])
 
 
 def _refuse(y: Array, s: Array) -> None:

@@ -1,4 +1,4 @@
-"""The index page of a batch: one table, one control chart a parameter, one summary of the spread."""
+"""The index page of a batch: a table, control charts and the spread between samples."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def render_batch(index: Record) -> str:
     conformity = any(row["conformity"] for row in rows)
     return environment().get_template("batch.html.j2").render(
         rows=[_sample_row(i, row, list(compared)) for i, row in enumerate(rows)],
-        symbols=[(symbol_markup(r["symbol"]), r["unit"]) for r in compared.values()],
+        symbols=[(symbol_markup(r["symbol"]), r["unit"].strip("1")) for r in compared.values()],
         parameters=[_section(name, record, rows) for name, record in compared.items()],
         conformity=conformity, verdict_words=VERDICT_WORDS, lead=_lead(index),
         n=len(rows), n_samples=index["n_samples"], finished=index["finished"],

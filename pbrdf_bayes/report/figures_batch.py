@@ -6,7 +6,7 @@ Matplotlib would take longer than the fit where a page has hundreds of small pic
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import ceil, exp, floor, log10
+from math import ceil, exp, floor, log, log10
 from typing import Any
 
 from markupsafe import Markup, escape
@@ -83,7 +83,7 @@ def control_chart(record: Record, names: Sequence[str], *, label: str) -> Markup
         return _LEFT + (i + 0.5) * step
 
     def y(v: float) -> float:
-        return _TOP + (height - _TOP - _BOTTOM) * (high - v) / (high - low)
+        return float(_TOP + (height - _TOP - _BOTTOM) * (high - v) / (high - low))
 
     def shown(v: float) -> float:
         return exp(v) if is_log else v
@@ -116,8 +116,6 @@ def _ticks(low: float, high: float, y: Any, shown: Any) -> str:
 
 def nice_ticks(low: float, high: float, shown: Any) -> list[tuple[float, float]]:
     """Round values between the ends and where they lie on the axis, as (value, position)."""
-    from math import log
-
     a, b = shown(low), shown(high)
     is_log = shown(1.0) != 1.0
     raw = (b - a) / _MOST_TICKS
