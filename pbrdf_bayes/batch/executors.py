@@ -103,5 +103,5 @@ def cluster_crew(address: str) -> Iterator[Crew]:
         yield Crew(
             lambda _: client.get_executor(pure=False),
             len(threads),
-            lambda executor: executor.shutdown(wait=False, cancel_futures=True),
+            lambda executor: executor.shutdown(wait=False),
         )
