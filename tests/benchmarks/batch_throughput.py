@@ -1,8 +1,9 @@
 """What a batch costs: samples a minute for one and two workers, overhead, memory over the run.
 
 Both runs do the same samples, one after the other, so that only their ratio is quoted from a
-machine that is not alone. Overhead is what a sample takes with one worker beyond its fit (readings
-in memory to run folder written), start of the worker left out.
+machine that is not alone; the pace once running leaves out the first sample of each worker.
+Overhead is what a sample takes with one worker beyond its fit (readings in memory to run folder
+written), start of the worker left out.
 
     python tests/benchmarks/batch_throughput.py --samples 12
 """
@@ -80,7 +81,7 @@ def run(file: Path, out: Path, workers: int) -> dict[str, object]:
     ends = sorted((out / row["run"] / "summary.json").stat().st_mtime for row in rows)
     return {
         "wall": wall, "failed": sum(row["status"] != "done" for row in rows), "sizes": sizes,
-        "fits": [row["seconds"] for row in rows], "steady": (ends[-1] - ends[0]) / (len(ends) - 1),
+        "fits": [row["seconds"] for row in rows], "steady": (ends[-1] - ends[workers - 1]) / (len(ends) - workers),
         "verdicts": sorted({row["verdict"] for row in rows}),
     }  # fmt: skip
 
