@@ -12,7 +12,8 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from pbrdf_bayes.batch.work import ONE_THREAD, prepare_worker
+from pbrdf_bayes.batch.outcome import Row
+from pbrdf_bayes.batch.work import ONE_THREAD, Task, prepare_worker, run_task
 from pbrdf_bayes.errors import ConfigError
 
 CONNECT_SECONDS = 10.0
@@ -30,11 +31,14 @@ class Crew:
         Samples computed at the same time.
     stop : callable
         Ends an executor and what it still does.
+    work : callable
+        What is handed to the executor.
     """
 
     start: Callable[[int], Executor]
     n_workers: int
     stop: Callable[[Executor], None]
+    work: Callable[[Task], Row] = run_task
 
 
 @contextmanager
@@ -104,4 +108,16 @@ def cluster_crew(address: str) -> Iterator[Crew]:
             lambda _: client.get_executor(pure=False),
             len(threads),
             lambda executor: executor.shutdown(wait=False),
+            run_on_cluster,
         )
+
+
+def run_on_cluster(task: Task) -> Row:
+    """`run_task` where xarray must not see the cluster around it.
+
+    It would ask the scheduler for the lock of every file it writes, and wait for it for ever.
+    """
+    import dask
+
+    with dask.config.set(scheduler="single-threaded"):
+        return run_task(task)

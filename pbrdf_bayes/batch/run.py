@@ -16,7 +16,7 @@ from pbrdf_bayes.batch.executors import Crew, cluster_crew, local_crew
 from pbrdf_bayes.batch.index import INDEX_FILES, write_index
 from pbrdf_bayes.batch.outcome import FAILED, Row, failed_row
 from pbrdf_bayes.batch.plan import Job, plan_batch
-from pbrdf_bayes.batch.work import Task, finished_before, run_task
+from pbrdf_bayes.batch.work import Task, finished_before
 from pbrdf_bayes.compile_ahead import compile_ahead, likelihood_to_compile
 from pbrdf_bayes.config import AUTO, RunConfig
 from pbrdf_bayes.errors import ConfigError, PbrdfError, RunFolderError
@@ -221,7 +221,7 @@ class _Batch:
         try:
             while (waiting or self.running) and not broken:
                 while waiting and len(self.running) <= n_workers:
-                    self._submit(executor, waiting)
+                    self._submit(executor, crew, waiting)
                 for future in self._completed():
                     i = self.running.pop(future)
                     try:
@@ -240,10 +240,10 @@ class _Batch:
             crew.stop(executor)
         return broken
 
-    def _submit(self, executor: Executor, waiting: deque[int]) -> None:
+    def _submit(self, executor: Executor, crew: Crew, waiting: deque[int]) -> None:
         i = waiting[0]
         task = Task(self.jobs[i], self.out, self.config, self.seed)
-        self.running[executor.submit(run_task, task)] = i
+        self.running[executor.submit(crew.work, task)] = i
         waiting.popleft()
 
     def _completed(self) -> Iterator[Future[Row]]:
