@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pbrdf_bayes.batch.run import fit_batch
     from pbrdf_bayes.config import RunConfig
     from pbrdf_bayes.data_checks import check_measurement
     from pbrdf_bayes.effects import Effects
@@ -65,6 +66,7 @@ _HOME = {
     "degree_of_linear_polarization": "polarimetry",
     "dhr": "model",
     "fit": "workflow",
+    "fit_batch": "batch.run",
     "load_analysis": "io.run_folder",
     "mueller": "polarimetry",
     "normalisation_error": "model",
@@ -103,6 +105,7 @@ __all__ = [
     "degree_of_linear_polarization",
     "dhr",
     "fit",
+    "fit_batch",
     "load_analysis",
     "mueller",
     "normalisation_error",

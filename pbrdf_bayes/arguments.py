@@ -60,3 +60,12 @@ def words(text: str) -> list[str]:
         msg = f"{text!r}: give s, p or u with commas"
         raise argparse.ArgumentTypeError(msg)
     return found
+
+
+def effects(text: str | None) -> tuple[str, ...] | None:
+    """Names of effects with commas, or ``none``."""
+    if text is None:
+        return None
+    if text == "none":
+        return ()
+    return tuple(part.strip() for part in text.split(",") if part.strip())

@@ -19,6 +19,7 @@ from pbrdf_bayes import __version__
 from pbrdf_bayes.arguments import BAD_INPUT, DONE, INTERRUPTED, interrupted
 from pbrdf_bayes.errors import PbrdfError
 from pbrdf_bayes.verbs import add_bench, add_check, add_fit, add_predict, add_report, add_simulate
+from pbrdf_bayes.verbs_batch import add_batch
 from pbrdf_bayes.verbs_conform import add_conform
 
 _SIGNED = ("--theta-i", "--theta-r", "--dhr-theta-i", "--phi-r")
@@ -130,6 +131,15 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"pbrdf-bayes {__version__}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
-    for add in (add_check, add_fit, add_report, add_predict, add_conform, add_simulate, add_bench):
+    for add in (
+        add_check,
+        add_fit,
+        add_batch,
+        add_report,
+        add_predict,
+        add_conform,
+        add_simulate,
+        add_bench,
+    ):
         add(verbs)
     return parser

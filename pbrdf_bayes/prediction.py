@@ -11,12 +11,18 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.effects import Effects
 from pbrdf_bayes.errors import ConfigError
-from pbrdf_bayes.inference.bands import Targets
+from pbrdf_bayes.inference.bands import Bands, Targets, predict_bands
+from pbrdf_bayes.inference.posterior import build_posterior
+from pbrdf_bayes.io.config_toml import config_from_table
+from pbrdf_bayes.io.run_folder import load_analysis
 from pbrdf_bayes.model import Parameters, brdf, check_directions, dhr, digits_of
 from pbrdf_bayes.reciprocity import reciprocal_brdf
+from pbrdf_bayes.results import Analysis, drawn_sets
+from pbrdf_bayes.tree import measurement_of
 
 Array = NDArray[np.float64]
 
+_N_BAND_DRAWS = 400
 COLUMNS = (
     "quantity", "polarization", "theta_i_deg", "theta_r_deg", "value", "q05", "q25", "q75", "q95",
     "pred_q05", "pred_q95",
@@ -97,9 +103,6 @@ def predict_table(
 
 def _bands_of_run(folder: Path) -> Callable[[Targets], Array]:
     """Read a run once; from it median, model band and predictive band, shape (n, 7)."""
-    from pbrdf_bayes.io.run_folder import load_analysis
-    from pbrdf_bayes.workflow import predict_from_analysis  # loads all the rest, plots included
-
     analysis = load_analysis(folder)
 
     def of(targets: Targets) -> Array:
@@ -174,3 +177,33 @@ def _lines(quantity: str, targets: Targets, values: Array) -> list[str]:
         angle = "" if np.isnan(theta_r) else f"{theta_r:.10g}"
         lines.append(",".join([quantity, q, f"{theta_i:.10g}", angle, *numbers]))
     return lines
+
+
+def predict_from_analysis(analysis: Analysis, targets: Targets) -> Bands:
+    """Bands of the model and of new readings at any geometry.
+
+    Parameters
+    ----------
+    analysis : Analysis
+    targets : Targets
+        All BRDF, or all DHR (``theta_r_deg`` NaN).
+
+    Returns
+    -------
+    Bands
+
+    Raises
+    ------
+    DomainError
+        When an angle is out of range or not a number.
+    """
+    check_directions(
+        theta_i_deg=targets.theta_i_deg, phi_r_deg=targets.phi_r_deg,
+        theta_r_deg=0.0 if targets.hemispherical else targets.theta_r_deg,
+    )  # fmt: skip
+    config = config_from_table(analysis.summary["config"])
+    posterior = build_posterior(measurement_of(analysis), config)
+    picked, rng = drawn_sets(analysis, posterior.parameter_names, _N_BAND_DRAWS)
+    best = analysis.summary["parameters"]
+    x_map = np.array([best[name]["map"] for name in posterior.parameter_names])
+    return predict_bands(posterior, picked, x_map, targets, rng)

@@ -16,6 +16,7 @@ from pbrdf_bayes.arguments import (
     NOT_CONVERGED,
     STRICT_FAIL,
     add_verb,
+    effects,
     grid,
     interrupted,
     numbers,
@@ -149,7 +150,7 @@ def _fit(options: argparse.Namespace) -> int:
     from pbrdf_bayes.workflow import fit_file
 
     config = read_config(
-        options.config, {"accuracy": options.accuracy, "effects": _effects(options.effects)}
+        options.config, {"accuracy": options.accuracy, "effects": effects(options.effects)}
     )
     run = fit_file(
         options.csv, config, sample=options.sample, wavelength_um=options.wavelength,
@@ -166,14 +167,6 @@ def _fit(options: argparse.Namespace) -> int:
         print(f"pbrdf-bayes fit: {error}", file=sys.stderr)
         return NOT_CONVERGED
     return STRICT_FAIL if options.strict and run.verdict == "FAIL" else DONE
-
-
-def _effects(text: str | None) -> tuple[str, ...] | None:
-    if text is None:
-        return None
-    if text == "none":
-        return ()
-    return tuple(part.strip() for part in text.split(",") if part.strip())
 
 
 def _report(options: argparse.Namespace) -> int:

@@ -19,7 +19,7 @@ from pbrdf_bayes.curves import count_covered, predict_curves, predict_dhr
 from pbrdf_bayes.data_checks import DataCheck, check_measurement
 from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.inference.applicability import judge_applicability, repeatability_dex
-from pbrdf_bayes.inference.bands import Bands, Targets, predict_bands, scan_scales
+from pbrdf_bayes.inference.bands import scan_scales
 from pbrdf_bayes.inference.choose_effects import (
     EffectsChoice,
     choose_effects,
@@ -50,13 +50,12 @@ from pbrdf_bayes.inference.sampling import Draws, Progress, sample_posterior
 from pbrdf_bayes.inference.scan_widths import measure_widths
 from pbrdf_bayes.io import run_folder
 from pbrdf_bayes.io.checkpoint import Checkpoints, open_checkpoints, remove_checkpoints
-from pbrdf_bayes.io.config_toml import config_from_table, config_to_toml
+from pbrdf_bayes.io.config_toml import config_to_toml
 from pbrdf_bayes.io.tidy_csv import read_measurement
 from pbrdf_bayes.measurement import Measurement
-from pbrdf_bayes.model import check_directions
 from pbrdf_bayes.paperwork import Paperwork, amend_folder, complete, write_pdf
 from pbrdf_bayes.report.page import render_report
-from pbrdf_bayes.results import Analysis, drawn_sets
+from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.resume import (
     as_finished,
     can_walk_on,
@@ -68,7 +67,7 @@ from pbrdf_bayes.resume import (
 )
 from pbrdf_bayes.stages import Stages
 from pbrdf_bayes.summary import summarise
-from pbrdf_bayes.tree import build_tree, measurement_of
+from pbrdf_bayes.tree import build_tree
 
 Array = NDArray[np.float64]
 
@@ -302,17 +301,40 @@ def fit_file(
         ``out`` holds a run already or a different one, is in use by another process, has a damaged
         checkpoint, or cannot be written.
     """
+    observer = observer or Observer()
+    if paperwork is not None:
+        paperwork.check()
+    observer.stage("read")
+    measurement = read_measurement(
+        csv, sample=sample, wavelength_um=wavelength_um, brdf_floor=config.brdf_floor
+    )
+    folder = out or run_folder.new_run_folder(Path("reports"), measurement.sample)
+    return fit_into(
+        folder,
+        measurement,
+        config,
+        seed=seed,
+        resume=resume,
+        observer=observer,
+        paperwork=paperwork,
+    )
+
+
+def fit_into(
+    folder: Path, measurement: Measurement, config: RunConfig, *, seed: int = DEFAULT_SEED,
+    resume: bool = False, observer: Observer | None = None, paperwork: Paperwork | None = None,
+    brief: bool = False,
+) -> FitRun:  # fmt: skip
+    """From a measurement to its run folder and report; see `fit_file`.
+
+    ``brief`` makes the report with one figure alone; `rebuild_report` draws the others.
+    """
     clock, wanted = _Clock(observer or Observer()), paperwork or Paperwork()
-    wanted.check()
-    with clock.stage("read"):
-        measurement = read_measurement(
-            csv, sample=sample, wavelength_um=wavelength_um, brdf_floor=config.brdf_floor
-        )
+    with clock.stage("check"):
         checks = check_measurement(measurement)
         named = replace(config, effects=()) if config.effects == AUTO else config
         posterior = build_posterior(measurement, named)
         refuse_impossible_priors(posterior)
-    folder = out or run_folder.new_run_folder(Path("reports"), measurement.sample)
     _refuse_other_content(folder, resume=resume)
     if resume and run_folder.is_finished(folder):
         summary = finished_summary(folder, as_finished(posterior, config, folder), seed)
@@ -332,7 +354,8 @@ def fit_file(
         with going_on(checkpoints):
             analysis = _fit_posterior(posterior, checks, seed, clock, checkpoints, choice)
             analysis = _completed(analysis, wanted, clock)
-            report = _render(analysis, clock)
+            with clock.stage("report"):
+                report = render_report(analysis, brief=brief)
         told = [f"sample {measurement.sample!r}, seed {seed}", *clock.log]
         log = "\n".join([*told, *history(checkpoints, analysis.summary), ""])
         run_folder.save_analysis(analysis, folder, report=report, log=log)
@@ -351,11 +374,6 @@ def _completed(analysis: Analysis, wanted: Paperwork, clock: _Clock) -> Analysis
         return complete(analysis, wanted)
 
 
-def _render(analysis: Analysis, clock: _Clock) -> str:
-    with clock.stage("report"):
-        return render_report(analysis)
-
-
 def _refuse_other_content(folder: Path, *, resume: bool) -> None:
     if folder.exists() and not folder.is_dir():
         msg = f"{folder}: is a file; --out is the folder of the run"
@@ -365,33 +383,3 @@ def _refuse_other_content(folder: Path, *, resume: bool) -> None:
     if visible and not resume:
         msg = f"{folder}: not empty ({', '.join(visible[:3])}). Add --resume, or give another --out"
         raise RunFolderError(msg)
-
-
-def predict_from_analysis(analysis: Analysis, targets: Targets) -> Bands:
-    """Bands of the model and of new readings at any geometry.
-
-    Parameters
-    ----------
-    analysis : Analysis
-    targets : Targets
-        All BRDF, or all DHR (``theta_r_deg`` NaN).
-
-    Returns
-    -------
-    Bands
-
-    Raises
-    ------
-    DomainError
-        When an angle is out of range or not a number.
-    """
-    check_directions(
-        theta_i_deg=targets.theta_i_deg, phi_r_deg=targets.phi_r_deg,
-        theta_r_deg=0.0 if targets.hemispherical else targets.theta_r_deg,
-    )  # fmt: skip
-    config = config_from_table(analysis.summary["config"])
-    posterior = build_posterior(measurement_of(analysis), config)
-    picked, rng = drawn_sets(analysis, posterior.parameter_names, _N_BAND_DRAWS)
-    best = analysis.summary["parameters"]
-    x_map = np.array([best[name]["map"] for name in posterior.parameter_names])
-    return predict_bands(posterior, picked, x_map, targets, rng)

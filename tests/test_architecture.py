@@ -38,10 +38,19 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("assessment",),
     ("paperwork",),
     ("workflow",),
-    ("checking", "parameters_json", "prediction", "scene_files", "terminal", "bench", "validation"),
+    (
+        "checking",
+        "parameters_json",
+        "prediction",
+        "scene_files",
+        "terminal",
+        "bench",
+        "validation",
+        "batch",
+    ),
     ("arguments",),
     ("verbs_conform",),
-    ("verbs",),
+    ("verbs", "verbs_batch"),
     ("cli",),
     ("__main__",),
 )
@@ -55,12 +64,12 @@ LONG: dict[str, int] = {}
 HOMES = {
     "matplotlib": {"report", "bench", "validation"}, "jinja2": {"report", "bench", "validation"}, "nlopt": {"inference.map_fit"},
     "emcee": {"inference.sampling", "inference.ensembles"}, "arviz_stats": {"inference.arviz_adapter"},
-    "jsonschema": {"io"}, "tomllib": {"io"}, "csv": {"io"}, "argparse": {"arguments", "verbs", "verbs_conform", "cli"}, "pandas": {"io"},
+    "jsonschema": {"io"}, "tomllib": {"io"}, "csv": {"io", "batch.index"}, "argparse": {"arguments", "verbs", "verbs_batch", "verbs_conform", "cli"}, "pandas": {"io"},
     "xarray": {"io", "tree", "results"}, "numba": {"physics", "inference", "bench", "compile_ahead"},
-    "llvmlite": {"physics.elementary"}, "fcntl": {"io.run_folder"}, "signal": {"cli"},
+    "llvmlite": {"physics.elementary"}, "fcntl": {"io.run_folder"}, "signal": {"cli", "batch.work"}, "distributed": {"batch.executors"},
     "threadpoolctl": {"inference", "bench", "design"}, "subprocess": {"compile_ahead", "io.print_pdf"}, "pickle": set(), "arviz": set(),
-    "random": set(), "pathlib": {"io", "resume", "compile_ahead", "workflow", "checking", "parameters_json", "prediction", "scene_files", "arguments", "verbs", "verbs_conform", "paperwork", "cli", "bench", "validation", "physics.compiled"},
-    "os": {"io", "cli", "bench"}, "tempfile": {"io"}, "time": {"inference.choose_effects", "inference.ensembles", "io.checkpoint", "workflow", "bench", "validation"},
+    "random": set(), "pathlib": {"io", "resume", "compile_ahead", "workflow", "checking", "parameters_json", "prediction", "scene_files", "arguments", "verbs", "verbs_batch", "verbs_conform", "paperwork", "cli", "bench", "batch", "validation", "physics.compiled"},
+    "os": {"io", "cli", "bench", "batch"}, "tempfile": {"io"}, "time": {"inference.choose_effects", "inference.ensembles", "io.checkpoint", "workflow", "bench", "batch", "validation"},
 }  # fmt: skip
 """What only these parts import, wherever it is imported at all."""
 
@@ -204,14 +213,22 @@ def test_physics_imports_numpy_and_numba_only() -> None:
 
 def test_only_light_modules_load_with_the_command_line() -> None:
     """At module level the command line and the package import the standard library and errors."""
-    for name in ("__init__", "arguments", "verbs_conform", "verbs", "cli", "__main__"):
+    for name in (
+        "__init__",
+        "arguments",
+        "verbs_conform",
+        "verbs",
+        "verbs_batch",
+        "cli",
+        "__main__",
+    ):
         tree = modules()[name]
         top = ast.Module(
             [n for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)], type_ignores=[]
         )
         found = set(imported(top))
         own = {resolve(x) for x in found if x.split(".")[0] == PACKAGE} - {None}
-        assert own <= {"errors", "arguments", "verbs_conform", "verbs", "cli"}, name
+        assert own <= {"errors", "arguments", "verbs_conform", "verbs", "verbs_batch", "cli"}, name
         others = {x.split(".")[0] for x in found} - {PACKAGE}
         assert others <= set(sys.stdlib_module_names), name
 

@@ -23,11 +23,11 @@ from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.io.run_folder import finite_only, load_analysis, save_analysis, validate_summary
 from pbrdf_bayes.measurement import select_scans
 from pbrdf_bayes.paperwork import Paperwork, amend_folder
+from pbrdf_bayes.prediction import predict_from_analysis
 from pbrdf_bayes.results import QUANTILES, Analysis
 from pbrdf_bayes.workflow import (
     Observer,
     fit_file,
-    predict_from_analysis,
 )
 
 NAMES = ["n", "k", "sigma_n0", "rho0", "s_rel_s", "s_rel_p", "tau", "ell_deg", "u_dhr"]

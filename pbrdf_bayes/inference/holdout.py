@@ -11,8 +11,10 @@ from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.inference.bands import Targets, inside_band, replicate_brdf, targets_at
 from pbrdf_bayes.inference.discrepancy import Process, draw_prior_discrepancy
 from pbrdf_bayes.inference.ensembles import Checkpoint
+from pbrdf_bayes.inference.importance import adapt_mixture, importance_sample, k_hat_limit
 from pbrdf_bayes.inference.laplace import laplace_mixture
 from pbrdf_bayes.inference.map_fit import find_map
+from pbrdf_bayes.inference.mixture import Mixture
 from pbrdf_bayes.inference.parameters import parameter_specs
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
 from pbrdf_bayes.inference.residuals import weight_beside_floor
@@ -26,6 +28,10 @@ Array = NDArray[np.float64]
 _N_STARTS = 8
 N_DRAWS = 400
 _MAX_STEPS = 1500
+_N_PROPOSALS = 2000
+_FEWEST_EFFECTIVE = 100.0
+_ATTEMPTS = 2
+_GOOD_SHARE = 0.25
 LEAST_SHARE = 0.05
 """Effective share of the proposals that is enough for a prediction's band."""
 
@@ -113,12 +119,18 @@ def run_holdout(
     draft = draft_of(config, part)
     posterior = build_posterior(part, draft)
     optima = find_map(posterior, n_starts=_N_STARTS, seed=seed)
-    draws = sample_posterior(
-        posterior, laplace_mixture(posterior, optima), draft, method="psis", seed=seed,
-        checkpoint=checkpoint, least_share=LEAST_SHARE,
-    )  # fmt: skip
+    mixture, z = laplace_mixture(posterior, optima), None
+    if config.accuracy == "draft":
+        _, z = draw_quickly(posterior, mixture, seed)
     rng = np.random.default_rng([seed, 3])
-    picked = draws.flat[rng.choice(len(draws.flat), N_DRAWS)]
+    if z is not None:
+        picked = posterior.from_coordinates(z)
+    else:
+        draws = sample_posterior(
+            posterior, mixture, draft, method="psis", seed=seed,
+            checkpoint=checkpoint, least_share=LEAST_SHARE,
+        )  # fmt: skip
+        picked = draws.flat[rng.choice(len(draws.flat), N_DRAWS)]
     left_out = select_scans(measurement, other, dhr=False)
     found = score_prediction(posterior, picked, left_out, rng)
     label, n = scans[chosen].label, len(left_out.scans)
@@ -132,6 +144,26 @@ def run_holdout(
             f"band, {found.width_dex:.3f} dex wide."
         ),
     )  # fmt: skip
+
+
+def draw_quickly(posterior: Posterior, start: Mixture, seed: int) -> tuple[Mixture, Array | None]:
+    """Draws for the band of a prediction, from a proposal that is good enough for it.
+
+    Returns
+    -------
+    tuple of Mixture and (ndarray of shape (N_DRAWS, n_free) or None)
+        The adapted proposal, and draws in the coordinates z; None where the weights cannot be
+        relied on.
+    """
+    mixture = start
+    for attempt in range(_ATTEMPTS):
+        mixture = adapt_mixture(posterior, mixture, seed=seed + attempt, good_share=_GOOD_SHARE)
+        quick = importance_sample(
+            posterior, mixture, n_proposals=_N_PROPOSALS, n_draws=N_DRAWS, seed=seed
+        )
+        if quick.k_hat < k_hat_limit(_N_PROPOSALS) and quick.ess > _FEWEST_EFFECTIVE:
+            return mixture, quick.z
+    return mixture, None
 
 
 def draft_of(config: RunConfig, part: Measurement) -> RunConfig:

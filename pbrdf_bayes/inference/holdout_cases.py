@@ -19,9 +19,9 @@ from pbrdf_bayes.inference.holdout import (
     N_DRAWS,
     Holdout,
     draft_of,
+    draw_quickly,
     score_prediction,
 )
-from pbrdf_bayes.inference.importance import adapt_mixture, importance_sample, k_hat_limit
 from pbrdf_bayes.inference.laplace import laplace_mixture
 from pbrdf_bayes.inference.map_fit import MapResult, Optimum, climb, coordinate_bounds
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
@@ -32,11 +32,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 _MOST_ANGLES = 8
-_N_PROPOSALS = 2000
-_FEWEST_EFFECTIVE = 100.0
-_ATTEMPTS = 2
 _MAX_STEPS = 400
-_GOOD_SHARE = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,14 +140,9 @@ def _draw(posterior: Posterior, start: Array, seed: int) -> Array:
     top, value = climb(posterior, posterior.to_coordinates(start[None, :])[0], low, high)
     best = Optimum(posterior.from_coordinates(top[None, :])[0], value, 1)
     laplace = laplace_mixture(posterior, MapResult((best,), 1, 0))
-    mixture = laplace
-    for attempt in range(_ATTEMPTS):
-        mixture = adapt_mixture(posterior, mixture, seed=seed + attempt, good_share=_GOOD_SHARE)
-        quick = importance_sample(
-            posterior, mixture, n_proposals=_N_PROPOSALS, n_draws=N_DRAWS, seed=seed
-        )
-        if quick.k_hat < k_hat_limit(_N_PROPOSALS) and quick.ess > _FEWEST_EFFECTIVE:
-            return posterior.from_coordinates(quick.z)
+    mixture, z = draw_quickly(posterior, laplace, seed)
+    if z is not None:
+        return posterior.from_coordinates(z)
     config = replace(posterior.config, max_steps=min(posterior.config.max_steps, _MAX_STEPS))
     found = sample_posterior(
         posterior, mixture, config, method="psis", seed=seed, least_share=LEAST_SHARE

@@ -45,11 +45,15 @@ class Mixture:
 
     def component_log_densities(self, z: Array) -> Array:
         """Natural log of weight times density of each component, shape (n_components, n_sets)."""
-        n_par = z.shape[1]
+        return self.log_densities_at(self.distances(z))
+
+    def log_densities_at(self, distances: Array) -> Array:
+        """The same from squared distances of this mixture, shape (n_components, n_sets)."""
+        n_par = self.centres.shape[1]
         norm = lgamma(0.5 * (_DOF + n_par)) - lgamma(0.5 * _DOF) - 0.5 * n_par * log(_DOF * pi)
         logdet = np.log(np.diagonal(self.factors, axis1=1, axis2=2)).sum(axis=1)
         level = np.log(self.weights) + norm - logdet
-        tails = 0.5 * (_DOF + n_par) * np.log1p(self.distances(z) / _DOF)
+        tails = 0.5 * (_DOF + n_par) * np.log1p(distances / _DOF)
         return np.asarray(level[:, None] - tails)
 
     def distances(self, z: Array) -> Array:
@@ -124,11 +128,12 @@ def resample(weights: Array, size: int, rng: np.random.Generator) -> NDArray[np.
 
 def _em_step(mixture: Mixture, z: Array, weights: Array, overall: Array) -> Mixture:
     """One step; the latent scale of each t component downweights its far points."""
-    log_parts = mixture.component_log_densities(z)
+    distances = mixture.distances(z)
+    log_parts = mixture.log_densities_at(distances)
     share = np.exp(log_parts - np.logaddexp.reduce(log_parts, axis=0)) * weights
     centres, factors, totals = [], [], []
     n_par = z.shape[1]
-    precisions = (_DOF + n_par) / (_DOF + mixture.distances(z))
+    precisions = (_DOF + n_par) / (_DOF + distances)
     for row, precision in zip(share, precisions, strict=True):
         total = row.sum()
         if total < 1e-4:

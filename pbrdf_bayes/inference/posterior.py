@@ -26,6 +26,7 @@ from pbrdf_bayes.inference.filtered_likelihood import (
 from pbrdf_bayes.inference.likelihood import iid_gradient, iid_log_likelihood
 from pbrdf_bayes.inference.parameter_spec import ParameterSpec
 from pbrdf_bayes.inference.parameters import parameter_specs
+from pbrdf_bayes.inference.prior_table import PriorTable, tabulate
 from pbrdf_bayes.inference.rows import RELATIVE_SCALE, Rows, prepare_rows
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.model import digits_of
@@ -108,6 +109,10 @@ class Posterior:
         """Which columns of z are logarithms, shape (n_free,)."""
         return np.array([self.specs[i].log_coordinate for i in self.free])
 
+    @cached_property
+    def _priors(self) -> PriorTable:
+        return tabulate([spec.prior for spec in self.specs])
+
     def log_prior(self, x: ArrayLike) -> Array:
         """Natural log of the normalised prior density, shape (n_sets,).
 
@@ -115,8 +120,7 @@ class Posterior:
         is not put back into the norm.
         """
         x = self._checked(x)
-        parts = [spec.prior.log_density(v) for spec, v in zip(self.specs, x.T, strict=True)]
-        found = np.asarray(np.sum(parts, axis=0))
+        found = self._priors.log_density(x)
         if self.scene is not None:
             inside = np.isfinite(found)
             allowed = conserves_energy(self.geometry, self.scene, x[inside])
@@ -177,9 +181,7 @@ class Posterior:
         """
         x = self._checked(x)
         values = self.log_prior(x)
-        slopes = np.stack(
-            [spec.prior.slope(v) for spec, v in zip(self.specs, x.T, strict=True)], axis=1
-        )
+        slopes = self._priors.slopes(x)
         inside = np.isfinite(values)
         likelihood, likelihood_slopes = self._likelihood_gradient(x[inside])
         values[inside] += self.weight * likelihood

@@ -47,7 +47,8 @@ class Prior:
         return self.kind in ("lognormal", "loguniform")
 
     @property
-    def _is_normal(self) -> bool:
+    def is_normal(self) -> bool:
+        """The density is normal in the value or in its logarithm."""
         return self.kind in ("normal", "lognormal")
 
     @cached_property
@@ -66,9 +67,10 @@ class Prior:
         return float(ndtr((low - self.mean) / self.sd)), float(ndtr((high - self.mean) / self.sd))
 
     @cached_property
-    def _log_norm(self) -> float:
+    def log_norm(self) -> float:
+        """Natural log of the factor that makes it integrate to 1 (not of a fixed value)."""
         low, high = self._limits
-        if not self._is_normal:
+        if not self.is_normal:
             return -log(high - low)
         a, b = self.cdf_limits
         return -log(self.sd * sqrt(2.0 * pi)) - log(b - a)
@@ -85,8 +87,8 @@ class Prior:
             inside, values, 0.5 * (self.low + self.high) if isfinite(self.high) else 1.0
         )
         v = np.log(safe) if self.is_log else safe
-        density = np.full(values.shape, self._log_norm)
-        if self._is_normal:
+        density = np.full(values.shape, self.log_norm)
+        if self.is_normal:
             density -= 0.5 * ((v - self.mean) / self.sd) ** 2
         if self.is_log:
             density -= v
@@ -99,7 +101,7 @@ class Prior:
         inside = (values >= self.low) & (values <= self.high) & ((values > 0.0) | (not self.is_log))
         safe = np.where(inside, values, 1.0)
         v = np.log(safe) if self.is_log else safe
-        by_v = -(v - self.mean) / self.sd**2 if self._is_normal else np.zeros(values.shape)
+        by_v = -(v - self.mean) / self.sd**2 if self.is_normal else np.zeros(values.shape)
         return np.where(inside, (by_v - 1.0) / safe if self.is_log else by_v, 0.0)
 
     def quantile(self, probability: Array) -> Array:
@@ -107,7 +109,7 @@ class Prior:
         if self.kind == "fixed":
             return np.full(np.shape(probability), self.mean)
         low, high = self._limits
-        if self._is_normal:
+        if self.is_normal:
             a, b = self.cdf_limits
             v = self.mean + self.sd * ndtri(a + (b - a) * probability)
         else:

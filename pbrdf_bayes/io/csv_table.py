@@ -24,6 +24,9 @@ from pbrdf_bayes.config import did_you_mean
 from pbrdf_bayes.errors import DataError
 from pbrdf_bayes.io.problems import Problem, Problems, compose_message
 
+MAX_BYTES = 128 * 2**20
+"""Largest file read, about two million readings: what is larger would not fit into memory."""
+MAX_ROWS = 3_000_000
 MAX_LINE_BYTES = 65_536
 CHUNK_ROWS = 1024
 
@@ -64,17 +67,22 @@ def read_bytes(path: str | Path) -> bytes:
     Raises
     ------
     DataError
-        When it does not exist, is a folder or cannot be read.
+        When it does not exist, is a folder, cannot be read or is larger than `MAX_BYTES`.
     """
     file = Path(path)
     try:
-        return file.read_bytes()
+        with file.open("rb") as stream:
+            data = stream.read(MAX_BYTES + 1)  # whatever its size is said to be: it may be a device
     except FileNotFoundError:
         refuse(path, f"there is no such file.{_similar_file(file)}")
     except (OSError, ValueError) as error:
         if os.path.isdir(file):  # noqa: PTH112 - Path.is_dir raises for a name that is too long
             refuse(path, "this is a folder. Give the CSV file in it.")
         refuse(path, f"the file cannot be read ({getattr(error, 'strerror', None) or error}).")
+    if len(data) > MAX_BYTES:
+        reason = f"the file is larger than {MAX_BYTES // 2**20} MiB (allowed: up to that)."
+        refuse(path, f"{reason} Split it, for example into one file for each sample.")
+    return data
 
 
 def open_table(path: str | Path, data: bytes, problems: Problems) -> Table:
@@ -181,6 +189,9 @@ def _refuse_other_formats(path: str | Path, data: bytes) -> None:
     if (at := data.find(b"\0")) >= 0:
         line = data.count(b"\n", 0, at) + 1
         refuse(path, f"line {line} has a zero byte (at byte {at}): a binary file. {_SAVE_AS_UTF8}")
+    if (n_rows := data.count(b"\n")) > MAX_ROWS:
+        reason = f"the file has {n_rows} lines (allowed: up to {MAX_ROWS})."
+        refuse(path, f"{reason} Split it, for example into one file for each sample.")
     line, length = _longest_line(data)
     if length > MAX_LINE_BYTES:
         reason = f"line {line} is {length} bytes long (allowed: up to {MAX_LINE_BYTES})."

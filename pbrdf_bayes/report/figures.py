@@ -58,19 +58,31 @@ class Figures:
     remarks: dict[str, str] = field(default_factory=dict)
 
 
-def draw_figures(analysis: Analysis) -> Figures:
+def draw_figures(analysis: Analysis, *, brief: bool = False) -> Figures:
     """Draw every figure the analysis has data for.
 
     Parameters
     ----------
     analysis : Analysis
+    brief : bool
+        The worst-fitting scan plane alone.
 
     Returns
     -------
     Figures
     """
     with figure_style():
-        return _draw(analysis)
+        return _draw_key(analysis) if brief else _draw(analysis)
+
+
+def _draw_key(analysis: Analysis) -> Figures:
+    planes = planes_of(curves_of(analysis, measured=True), scans_of(analysis))
+    key, caption = _key(planes, dhr_curves_of(analysis), dhr_points_of(analysis))
+    return Figures(
+        key=key, key_caption=caption, measured=[], between=[], dhr=[], residuals=[], places=None,
+        held_out=[], widths=[], corner=None, chains=[], remarks=_remarks(0, 0, 0),
+        conformity=conformity_pictures(analysis.summary),
+    )  # fmt: skip
 
 
 def _draw(analysis: Analysis) -> Figures:

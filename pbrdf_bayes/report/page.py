@@ -47,20 +47,22 @@ SYMBOLS = {
 """Symbols in running text, as they are typed and as they are set."""
 
 
-def render_report(analysis: Analysis) -> str:
+def render_report(analysis: Analysis, *, brief: bool = False) -> str:
     """Write an analysis as one self-contained HTML page.
 
     Parameters
     ----------
     analysis : Analysis
         Finished run, from memory or from its folder.
+    brief : bool
+        All numbers, but one figure alone, for runs of many samples; the page says so.
 
     Returns
     -------
     str
         The page. The same analysis gives the same text, character by character.
     """
-    return environment().get_template("template.html.j2").render(_context(analysis))
+    return environment().get_template("template.html.j2").render(_context(analysis, brief))
 
 
 def environment() -> Environment:
@@ -109,9 +111,9 @@ def _visible(character: str) -> str:
     return "\ufffd" if control or turning or half else character
 
 
-def _context(analysis: Analysis) -> dict[str, Any]:
+def _context(analysis: Analysis, brief: bool) -> dict[str, Any]:
     """Everything the template places."""
-    summary, figures = analysis.summary, draw_figures(analysis)
+    summary, figures = analysis.summary, draw_figures(analysis, brief=brief)
     priors = {name: draws_of(analysis, "prior", name) for name in summary["parameters"]}
     looks = {p: {"word": v.word, "dash": " ".join(map(str, v.dash))} for p, v in LOOKS.items()}
     return {
@@ -120,6 +122,7 @@ def _context(analysis: Analysis) -> dict[str, Any]:
         **_checks(analysis),
         **_paperwork(summary),
         "figures": figures,
+        "brief": brief,
         "looks": looks,
         "n_dhr": summary["input"]["n_dhr"],
         "parameters": tables.parameter_rows(summary, priors),

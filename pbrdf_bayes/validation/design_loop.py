@@ -1,9 +1,10 @@
 """Whether the information that a design promises is what measuring and fitting again gives.
 
-A paint is measured and fitted. For each candidate a truth is drawn from that posterior, the candidate
-is measured on it by the law of the readings, everything is fitted again, and the drop of the entropy
-of (n, k, sigma_N0, rho0) is averaged over such truths: its expectation is the expected information
-gain. Entropies are those of t mixtures fitted to the draws, before and after alike.
+A paint is measured and fitted. For each candidate a truth is drawn from that posterior, the
+candidate is measured on it by the law of the readings, everything is fitted again, and the drop of
+the entropy
+of (n, k, sigma_N0, rho0) is averaged over such truths: its expectation is the expected
+information gain. Entropies are those of t mixtures fitted to the draws, before and after alike.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ from pbrdf_bayes.inference.mixture import fit_mixture
 from pbrdf_bayes.inference.posterior import build_posterior
 from pbrdf_bayes.inference.sampling import sample_posterior
 from pbrdf_bayes.measurement import Measurement, measurement_from_columns
-from pbrdf_bayes.simulate import simulate_measurement
 from pbrdf_bayes.model import Parameters
+from pbrdf_bayes.simulate import simulate_measurement
 
 Array = NDArray[np.float64]
 
@@ -131,7 +132,7 @@ def _readings(beliefs: Beliefs, candidate: Candidate, sets: DrawnSets, seed: int
     return [float(draw_hemispherical(value, gain, sets, seed=seeds)[0])]
 
 
-def _columns(m: Measurement) -> dict[str, list[Any]]:
+def _columns(m: Measurement) -> dict[str, Any]:
     labels = [f"first {i}" for i, s in enumerate(m.scans) for _ in range(len(s))]
     brdf, dhr = m.brdf, m.dhr
     return {
@@ -187,13 +188,12 @@ def compare_grids(paint: str, *, n: int, seed: int) -> list[dict[str, Any]]:
     by_name = {(c.polarization, c.theta_i_deg): c for c in options}
     chosen: DesignResult = design_measurements(beliefs, options, choices=_choices(seed))
     rng = np.random.default_rng([seed, 54])
-    random = [
-        [options[i] for i in rng.choice(len(options), 3, replace=False)] for _ in range(n)
-    ]
+    random = [[options[i] for i in rng.choice(len(options), 3, replace=False)] for _ in range(n)]
     grids: dict[str, Callable[[int], list[Candidate]]] = {
         "chosen": lambda _: [e.candidate for e in chosen.batch.members],
-        "uniform": lambda i: [by_name["sp"[(i + j) % 2], a] for j, a in enumerate((20.0, 50.0, 80.0))]
-        if i % 2 else [by_name["ps"[j % 2], a] for j, a in enumerate((0.0, 40.0, 80.0))],
+        "uniform": lambda i: [
+            by_name["sp"[(i + j) % 2], a] for j, a in enumerate((0.0, 40.0, 80.0))
+        ],
         "random": lambda i: random[i],
     }  # fmt: skip
     rows = []

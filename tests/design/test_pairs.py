@@ -40,7 +40,9 @@ def dense(c: dict[str, np.ndarray], m: int, rough: bool, u_cal2: float) -> np.nd
 @pytest.mark.parametrize(
     ("u_cal2", "n_scans", "tolerance"), [(0.0, 1, 1e-12), (0.01, 1, 1e-12), (100.0, 3, 1e-9)]
 )
-def test_against_dense_densities(rough: bool, u_cal2: float, n_scans: int, tolerance: float) -> None:
+def test_against_dense_densities(
+    rough: bool, u_cal2: float, n_scans: int, tolerance: float
+) -> None:
     c = case(np.random.default_rng(5), n_scans)
     found = pair_log_likelihoods(**c, rough=rough, u_cal2=u_cal2)
     wanted = [

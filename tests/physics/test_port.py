@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -53,7 +55,7 @@ def adaptive(p: pb.Parameters, theta_i: float, half_angle: float, q: str) -> flo
     ends = [np.sin(np.deg2rad(min(90.0, theta_i + d))) for d in (-half_angle, 0.0, half_angle)]
     kink = rim / centre if centre > 0.0 and theta_i + half_angle > 90.0 else ends[1]
     stops = sorted({*ends, kink})
-    for low, high in zip(stops[:-1], stops[1:], strict=True):
+    for low, high in pairwise(stops):
         mid, half = 0.5 * (low + high), 0.5 * (high - low)
         total += quad(
             lambda t, m=mid, h=half: across(m + h * np.sin(t)) * h * np.cos(t),

@@ -1,0 +1,123 @@
+"""Who computes: processes of this machine or those of a Dask cluster, behind one interface.
+
+Both are `concurrent.futures.Executor`; everything above knows no more than that.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from pbrdf_bayes.batch.outcome import Row
+from pbrdf_bayes.batch.work import ONE_THREAD, Task, prepare_worker, run_task
+from pbrdf_bayes.errors import ConfigError
+
+CONNECT_SECONDS = 10.0
+
+
+@dataclass(frozen=True)
+class Crew:
+    """Workers that can be asked for.
+
+    Attributes
+    ----------
+    start : callable
+        An executor with at most that many workers.
+    n_workers : int
+        Samples computed at the same time.
+    stop : callable
+        Ends an executor and what it still does.
+    work : callable
+        What is handed to the executor.
+    """
+
+    start: Callable[[int], Executor]
+    n_workers: int
+    stop: Callable[[Executor], None]
+    work: Callable[[Task], Row] = run_task
+
+
+@contextmanager
+def local_crew(n_workers: int) -> Iterator[Crew]:
+    """Processes of this machine, one thread each, started afresh so that none inherits threads."""
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(ONE_THREAD)
+    try:
+        yield Crew(_start_pool, n_workers, _stop_pool)
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def _start_pool(n_workers: int) -> Executor:
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(n_workers, mp_context=context, initializer=prepare_worker)
+
+
+def _stop_pool(pool: Executor) -> None:
+    pool.shutdown(wait=False, cancel_futures=True)
+    for child in multiprocessing.active_children():
+        child.terminate()
+        child.join()
+
+
+@contextmanager
+def cluster_crew(address: str) -> Iterator[Crew]:
+    """Workers of a Dask scheduler that is running.
+
+    Raises
+    ------
+    ConfigError
+        `distributed` is not installed, the scheduler cannot be reached, or it has no worker with
+        one thread.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        msg = (
+            f"--scheduler {address}: the package 'distributed' is not installed. Install it with: "
+            "pip install 'pbrdf-bayes[cluster]'"
+        )
+        raise ConfigError(msg) from None
+    try:
+        client = Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
+    except (OSError, ValueError, TypeError, ImportError) as error:
+        msg = (
+            f"--scheduler {address}: no scheduler answers there within {CONNECT_SECONDS:g} s "
+            f"({type(error).__name__}). Start one with: dask scheduler; give its address as "
+            "tcp://HOST:8786"
+        )
+        raise ConfigError(msg) from None
+    with client:
+        threads = client.nthreads()
+        if not threads or any(n != 1 for n in threads.values()):
+            found = "no worker" if not threads else f"threads {sorted(threads.values())}"
+            msg = (
+                f"--scheduler {address}: workers with one thread each are needed, it has {found}. "
+                f"Start them with: dask worker {address} --nworkers N --nthreads 1"
+            )
+            raise ConfigError(msg)
+        yield Crew(
+            lambda _: client.get_executor(pure=False),
+            len(threads),
+            lambda executor: executor.shutdown(wait=False),
+            run_on_cluster,
+        )
+
+
+def run_on_cluster(task: Task) -> Row:
+    """`run_task` where xarray must not see the cluster around it.
+
+    It would ask the scheduler for the lock of every file it writes, and wait for it for ever.
+    """
+    import dask
+
+    with dask.config.set(scheduler="single-threaded"):
+        return run_task(task)

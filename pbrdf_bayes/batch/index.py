@@ -1,0 +1,154 @@
+"""The index of a batch: the same rows as a page, as CSV and as JSON."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from math import log
+from pathlib import Path
+from typing import Any
+
+from pbrdf_bayes import __version__
+from pbrdf_bayes.batch.outcome import FAILED
+from pbrdf_bayes.errors import DataError
+from pbrdf_bayes.inference.between_samples import infer_spread
+from pbrdf_bayes.inference.control_chart import draw_limits
+from pbrdf_bayes.io.run_folder import finite_only, write_text
+from pbrdf_bayes.report.batch_page import render_batch
+
+INDEX_FILES = ("index.html", "index.csv", "index.json")
+Row = Mapping[str, Any]
+
+_LOGARITHMIC = ("sigma_n0", "rho0")
+_NORMAL_975 = 1.959963984540054
+_PLAIN = (
+    "sample", "wavelength_um", "status", "verdict", "conformity", "run", "error", "source",
+    "seconds", "n_brdf", "n_dhr", "rms_dex", "headline",
+)  # fmt: skip
+_OF_PARAMETER = ("mean", "sd", "q025", "q975")
+_ACTIVE = ("=", "+", "-", "@", "\t", "\r", "\n")
+
+
+def write_index(folder: Path, rows: Sequence[Row], *, n_samples: int) -> None:
+    """Write all three files, each whole or not at all.
+
+    Parameters
+    ----------
+    folder : Path
+    rows : sequence of mapping
+        Samples that are done, in their order.
+    n_samples : int
+        All samples of the batch.
+
+    Raises
+    ------
+    RunFolderError
+    """
+    statistics = compare_samples(rows)
+    index = {
+        "schema_version": 1,
+        "version": __version__,
+        "n_samples": n_samples,
+        "finished": len(rows) == n_samples,
+        "samples": list(rows),
+        "between_samples": statistics,
+    }
+    text = json.dumps(finite_only(index), indent=1, ensure_ascii=False, allow_nan=False)
+    write_text(folder / "index.json", text + "\n")
+    write_text(folder / "index.csv", csv_text(rows))
+    write_text(folder / "index.html", render_batch(finite_only(index)))
+
+
+def csv_text(rows: Sequence[Row]) -> str:
+    """The rows as comma-separated text.
+
+    A text that a spreadsheet would take for a formula begins with an apostrophe; numbers are
+    numbers, negative ones too.
+    """
+    names = parameter_names(rows)
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow([*_PLAIN, *(f"{name}_{key}" for name in names for key in _OF_PARAMETER)])
+    for row in rows:
+        values = [
+            row["parameters"].get(name, {}).get(key) for name in names for key in _OF_PARAMETER
+        ]
+        writer.writerow([*(harmless(row[name]) for name in _PLAIN), *map(harmless, values)])
+    return file.getvalue()
+
+
+def harmless(value: Any) -> Any:
+    """A cell that no spreadsheet takes for a formula.
+
+    Examples
+    --------
+    >>> harmless("=1+1"), harmless(-0.5), harmless(" =1"), harmless(None)
+    ("'=1+1", -0.5, "' =1", '')
+    """
+    if value is None:
+        return ""
+    if isinstance(value, str) and value.lstrip(" ").startswith(_ACTIVE):
+        return f"'{value}"
+    return value
+
+
+def parameter_names(rows: Sequence[Row]) -> list[str]:
+    """Parameters of any sample, in their order."""
+    return list(dict.fromkeys(name for row in rows for name in row["parameters"]))
+
+
+def compare_samples(rows: Sequence[Row]) -> dict[str, Any]:
+    """Spread and control chart of each parameter over the samples with a result.
+
+    Samples whose verdict is FAIL do not count: their numbers are no constants of the material. They
+    are in the chart, where they are held against the limits of the others.
+    """
+    found = {}
+    for name in parameter_names(rows):
+        mine = [i for i, row in enumerate(rows) if _has(row, name)]
+        records = [rows[i]["parameters"][name] for i in mine]
+        is_log = name in _LOGARITHMIC and all(r["q025"] > 0.0 for r in records)
+        located = [_location(record, is_log) for record in records]
+        counted = [rows[i]["verdict"] != "FAIL" for i in mine]
+        found[name] = {
+            "symbol": records[0]["symbol"], "unit": records[0]["unit"], "logarithmic": is_log,
+            "rows": mine, "values": [v for v, _ in located], "u": [u for _, u in located],
+            "counted": counted, "spread": _spread(located, counted),
+            "chart": _chart(located, counted),
+        }  # fmt: skip
+    return found
+
+
+def _has(row: Row, name: str) -> bool:
+    record = row["parameters"].get(name)
+    return bool(row["status"] != FAILED and record and record["sd"] and record["sd"] > 0.0)
+
+
+def _location(record: Row, is_log: bool) -> tuple[float, float]:
+    """Mean and standard deviation, or those of the logarithm from median and 95 % interval."""
+    if not is_log:
+        return float(record["mean"]), float(record["sd"])
+    width = log(record["q975"]) - log(record["q025"])
+    return log(record["median"]), width / (2.0 * _NORMAL_975)
+
+
+def _spread(located: Sequence[tuple[float, float]], counted: Sequence[bool]) -> Any:
+    used = [pair for pair, use in zip(located, counted, strict=True) if use]
+    try:
+        return asdict(infer_spread([v for v, _ in used], [u for _, u in used]))
+    except DataError:
+        return None
+
+
+def _chart(located: Sequence[tuple[float, float]], counted: Sequence[bool]) -> Any:
+    chart = draw_limits([v for v, _ in located], [u for _, u in located], counted)
+    if chart is None:
+        return None
+    return {
+        "centre": chart.centre, "low": chart.low, "high": chart.high,
+        "sigma_between": chart.sigma_between, "sample_low": chart.sample_low.tolist(),
+        "sample_high": chart.sample_high.tolist(), "beyond": chart.beyond.tolist(),
+    }  # fmt: skip

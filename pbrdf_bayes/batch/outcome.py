@@ -1,0 +1,93 @@
+"""What came out for a sample: one row of the index, as plain values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pbrdf_bayes.batch.plan import Job
+from pbrdf_bayes.io.run_folder import finite_only
+from pbrdf_bayes.measurement import Measurement
+
+DONE, FAILED, SKIPPED = "done", "failed", "skipped"
+Row = dict[str, Any]
+
+_KEPT = ("symbol", "unit", "kind", "mean", "sd", "median", "q025", "q975", "identified")
+_MOST_POINTS = 41
+_CURVE_AT_DEG = 20.0
+
+
+def failed_row(job: Job, error: str, *, seconds: float = 0.0, run: str | None = None) -> Row:
+    """Row of a sample without a result."""
+    return {
+        **_identity(job), "status": FAILED, "verdict": None, "headline": None, "run": run,
+        "error": error, "seconds": round(seconds, 3), "rms_dex": None, "conformity": None,
+        "parameters": {},
+    }  # fmt: skip
+
+
+def finished_row(job: Job, summary: Mapping[str, Any], *, status: str, seconds: float) -> Row:
+    """Row of a sample from the summary of its run.
+
+    One that did not converge has failed: its numbers stay in its run folder.
+    """
+    if summary["status"] != "done":
+        error = (
+            f"{job.folder}: not converged within max_steps; results are kept and marked. Raise "
+            "max_steps in the configuration, and go on with --resume"
+        )
+        return failed_row(job, error, seconds=seconds, run=job.folder)
+    conformity = summary.get("conformity")
+    row = {
+        **_identity(job), "status": status, "verdict": summary["verdict"],
+        "headline": summary["headline"], "run": job.folder, "error": None,
+        "seconds": round(seconds, 3),
+        "rms_dex": summary["fit"]["rms_dex_best"]["overall"],
+        "conformity": conformity.get("verdict") if isinstance(conformity, Mapping) else None,
+        "parameters": {
+            name: {key: record[key] for key in _KEPT}
+            for name, record in summary["parameters"].items()
+            if record["kind"] != "nuisance"
+        },
+    }  # fmt: skip
+    found: Row = finite_only(row)
+    return found
+
+
+def curves_of(m: Measurement) -> list[dict[str, Any]]:
+    """Readings of one scan of each polarisation, the one nearest to 20 degrees, thinned.
+
+    Returns
+    -------
+    list of dict
+        ``polarization``, ``theta_i_deg`` [deg], ``theta_r_deg`` [deg], ``value`` [sr^-1].
+    """
+    found = []
+    for q in dict.fromkeys(scan.polarization for scan in m.scans):
+        own = [scan for scan in m.scans if scan.polarization == q]
+        scan = min(own, key=lambda s: (s.phi_r_deg != 0.0, abs(s.theta_i_deg - _CURVE_AT_DEG)))
+        picked = np.linspace(scan.start, scan.stop - 1, min(len(scan), _MOST_POINTS)).astype(int)
+        found.append(
+            {
+                "polarization": q,
+                "theta_i_deg": scan.theta_i_deg,
+                "theta_r_deg": m.brdf.theta_r_deg[picked].tolist(),
+                "value": [float(f"{v:.4g}") for v in m.brdf.value[picked]],
+            }
+        )
+    return found
+
+
+def _identity(job: Job) -> Row:
+    m = job.measurement
+    return {
+        "sample": job.sample,
+        "source": Path(job.source).name,
+        "wavelength_um": job.wavelength_um,
+        "n_brdf": None if m is None else len(m.brdf),
+        "n_dhr": None if m is None else len(m.dhr),
+        "curves": [] if m is None else curves_of(m),
+    }

@@ -1,0 +1,286 @@
+"""A batch from its files to its index: every sample gets a row, whatever happens to the others."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from contextlib import AbstractContextManager, suppress
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from pbrdf_bayes.batch.executors import Crew, cluster_crew, local_crew
+from pbrdf_bayes.batch.index import INDEX_FILES, write_index
+from pbrdf_bayes.batch.outcome import FAILED, Row, failed_row
+from pbrdf_bayes.batch.plan import Job, plan_batch
+from pbrdf_bayes.batch.work import Task, finished_before
+from pbrdf_bayes.compile_ahead import compile_ahead, likelihood_to_compile
+from pbrdf_bayes.config import AUTO, RunConfig
+from pbrdf_bayes.errors import ConfigError, PbrdfError, RunFolderError
+from pbrdf_bayes.inference.posterior import build_posterior
+from pbrdf_bayes.io.run_folder import locked
+from pbrdf_bayes.workflow import DEFAULT_SEED
+
+_INDEX_EVERY = 5.0
+_LOOK_EVERY = 0.5
+Rows = dict[int, Row]
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a batch is.
+
+    Attributes
+    ----------
+    row : mapping or None
+        What has just come out; None at the start.
+    n_done, n_samples : int
+    running : tuple of str
+        Samples handed to workers.
+    seconds_left : float or None
+        None until the first sample is done.
+    """
+
+    row: Row | None
+    n_done: int
+    n_samples: int
+    running: tuple[str, ...]
+    seconds_left: float | None
+
+
+@dataclass(frozen=True)
+class BatchResult:
+    """What a batch left behind.
+
+    Attributes
+    ----------
+    folder : Path
+        With ``index.html``, ``index.csv``, ``index.json`` and the run folders.
+    samples : tuple of mapping
+        Rows of the index, in the order of the samples.
+    """
+
+    folder: Path
+    samples: tuple[Row, ...]
+
+    @property
+    def is_clean(self) -> bool:
+        """No sample failed, and no verdict is FAIL."""
+        return not any(row["status"] == FAILED or row["verdict"] == "FAIL" for row in self.samples)
+
+
+def fit_batch(
+    files: Sequence[str | Path],
+    config: RunConfig | None = None,
+    *,
+    out: str | Path | None = None,
+    seed: int = DEFAULT_SEED,
+    workers: int = 1,
+    scheduler: str | None = None,
+    resume: bool = False,
+    told: Callable[[Progress], None] | None = None,
+    interrupted: Callable[[], bool] | None = None,
+) -> BatchResult:
+    """Fit every sample of some tidy CSV files and write an index of them.
+
+    Parameters
+    ----------
+    files : sequence of str or Path
+    config : RunConfig, optional
+        Of every sample; ``threads`` is 1 in each worker.
+    out : str or Path, optional
+        Folder of the batch; reports/batch/<time> by default.
+    seed : int
+        Of every sample.
+    workers : int
+        Processes on this machine.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers are taken instead; they must see ``out`` under
+        the same path.
+    resume : bool
+        Go on with ``out``: samples finished with the same readings, configuration, seed and version
+        are skipped, interrupted ones go on from their checkpoints.
+    told : callable, optional
+        Told about every sample that is done.
+    interrupted : callable, optional
+        Asked twice a second whether to stop.
+
+    Returns
+    -------
+    BatchResult
+
+    Raises
+    ------
+    ConfigError
+        No files, choices that no sample can be fitted with, workers that cannot be had.
+    RunFolderError
+        ``out`` is not empty, in use, or cannot be written.
+    """
+    if not files:
+        msg = "no files. Give at least one CSV file"
+        raise ConfigError(msg)
+    if not 1 <= workers <= 1024:
+        msg = f"workers = {workers!r} is not allowed: give a whole number from 1 to 1024"
+        raise ConfigError(msg)
+    config = replace(config or RunConfig(), threads=1)
+    jobs = plan_batch([Path(file) for file in files], config, seed=seed)
+    folder = _folder(out, resume=resume)
+    with locked(folder), _crew(workers, scheduler) as crew:
+        batch = _Batch(jobs, folder.resolve(), config, seed, told, interrupted)
+        batch.run(crew, resume=resume)
+        return BatchResult(folder, tuple(batch.rows[i] for i in range(len(jobs))))
+
+
+def _crew(workers: int, scheduler: str | None) -> AbstractContextManager[Crew]:
+    return local_crew(workers) if scheduler is None else cluster_crew(scheduler)
+
+
+def _folder(out: str | Path | None, *, resume: bool) -> Path:
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
+    folder = Path(out) if out is not None else Path("reports") / "batch" / stamp
+    if folder.exists() and not folder.is_dir():
+        msg = f"{folder}: is a file; --out is the folder of the batch"
+        raise RunFolderError(msg)
+    present = sorted(p.name for p in folder.iterdir()) if folder.is_dir() else []
+    visible = [name for name in present if not name.startswith(".")]
+    if visible and not resume:
+        msg = f"{folder}: not empty ({', '.join(visible[:3])}). Add --resume, or give another --out"
+        raise RunFolderError(msg)
+    foreign = visible and not set(INDEX_FILES) & set(visible)
+    if foreign:
+        msg = f"{folder}: holds no batch ({', '.join(visible[:3])}). Give another --out"
+        raise RunFolderError(msg)
+    return folder
+
+
+@dataclass(eq=False)
+class _Batch:
+    """The state of a batch that runs; rows by the number of their job."""
+
+    jobs: tuple[Job, ...]
+    out: Path
+    config: RunConfig
+    seed: int
+    told: Callable[[Progress], None] | None
+    interrupted: Callable[[], bool] | None
+    rows: Rows = field(default_factory=dict)
+    running: dict[Future[Row], int] = field(default_factory=dict)
+    index_written: float = -float("inf")
+    began: float = field(default_factory=time.monotonic)
+    n_computed: int = 0
+
+    def run(self, crew: Crew, *, resume: bool) -> None:
+        waiting: deque[int] = deque()
+        for i, job in enumerate(self.jobs):
+            row = self._known(job, resume=resume)
+            if row is None:
+                waiting.append(i)
+            else:
+                self.rows[i] = row
+        try:
+            self._write()
+            if waiting:
+                self._compile(waiting)
+                self._tell(None, waiting)
+                self._work_off(crew, waiting)
+        finally:
+            self._write(whole=True)
+
+    def _known(self, job: Job, *, resume: bool) -> Row | None:
+        if job.measurement is None:
+            return failed_row(job, job.error)
+        return finished_before(self.out, job) if resume else None
+
+    def _compile(self, waiting: Sequence[int]) -> None:
+        """Have the kernels of the first sample compiled, so that the workers only load them."""
+        named = replace(self.config, effects=()) if self.config.effects == AUTO else self.config
+        measurement = self.jobs[waiting[0]].measurement
+        assert measurement is not None
+        with suppress(PbrdfError):  # its worker says what is wrong with it
+            missing = likelihood_to_compile(build_posterior(measurement, named))
+            if missing is not None:
+                compile_ahead(missing)
+
+    def _work_off(self, crew: Crew, waiting: deque[int]) -> None:
+        """All samples at the same time; those in hand when a process died, one by one after that.
+
+        Which one it died of is not known. The second process lost with a sample alone in it is.
+        """
+        while waiting:
+            for i in self._compute(crew, waiting, crew.n_workers):
+                if self._compute(crew, deque([i]), 1):
+                    self._take(i, failed_row(self.jobs[i], _LOST), waiting)
+
+    def _compute(self, crew: Crew, waiting: deque[int], n_workers: int) -> list[int]:
+        """Work off what waits; the samples that were in hand when a process died, if one did."""
+        executor = crew.start(n_workers)
+        broken: list[int] = []
+        try:
+            while (waiting or self.running) and not broken:
+                while waiting and len(self.running) <= n_workers:
+                    self._submit(executor, crew, waiting)
+                for future in self._completed():
+                    i = self.running.pop(future)
+                    try:
+                        self._take(i, future.result(), waiting)
+                    except BrokenExecutor:
+                        broken.append(i)
+                    except Exception as error:  # of the cluster: it gave the sample up
+                        text = f"{type(error).__name__}: {error}"
+                        self._take(i, failed_row(self.jobs[i], text), waiting)
+        except BrokenExecutor:  # on handing over
+            broken += self.running.values()
+        finally:
+            if broken:
+                broken = sorted({*broken, *self.running.values()})
+            self.running.clear()
+            crew.stop(executor)
+        return broken
+
+    def _submit(self, executor: Executor, crew: Crew, waiting: deque[int]) -> None:
+        i = waiting[0]
+        task = Task(self.jobs[i], self.out, self.config, self.seed)
+        self.running[executor.submit(crew.work, task)] = i
+        waiting.popleft()
+
+    def _completed(self) -> Iterator[Future[Row]]:
+        done: set[Future[Row]] = set()
+        while not done:
+            if self.interrupted is not None and self.interrupted():
+                raise KeyboardInterrupt
+            done, _ = wait(self.running, timeout=_LOOK_EVERY, return_when=FIRST_COMPLETED)
+        yield from done
+
+    def _take(self, i: int, row: Row, waiting: Sequence[int]) -> None:
+        self.rows[i] = row
+        self.n_computed += 1
+        self._write()
+        self._tell(row, waiting)
+
+    def _tell(self, row: Row | None, waiting: Sequence[int]) -> None:
+        if self.told is None:
+            return
+        left = len(waiting) + len(self.running)
+        pace = (time.monotonic() - self.began) / self.n_computed if self.n_computed else None
+        running = tuple(self.jobs[i].sample for i in self.running.values())
+        self.told(
+            Progress(
+                row, len(self.rows), len(self.jobs), running, None if pace is None else pace * left
+            )
+        )
+
+    def _write(self, *, whole: bool = False) -> None:
+        """The index, at most every five seconds while the batch runs."""
+        if whole or time.monotonic() - self.index_written >= _INDEX_EVERY:
+            found: list[dict[str, Any]] = [self.rows[i] for i in sorted(self.rows)]
+            write_index(self.out, found, n_samples=len(self.jobs))
+            self.index_written = time.monotonic()
+
+
+_LOST = (
+    "the process that fitted this sample died twice, the second time with nothing else to do: out "
+    "of memory, or killed. Fit this sample alone to see where it happens"
+)

@@ -1,0 +1,108 @@
+"""One sample in a process of its own kind: locally or on another machine, the same function."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from pbrdf_bayes.batch.outcome import DONE, SKIPPED, Row, failed_row, finished_row
+from pbrdf_bayes.batch.plan import Job
+from pbrdf_bayes.config import RunConfig
+from pbrdf_bayes.errors import PbrdfError, RunFolderError
+from pbrdf_bayes.io.run_folder import is_finished, load_summary
+from pbrdf_bayes.workflow import fit_into
+
+ONE_THREAD = dict.fromkeys(
+    (
+        "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS",
+        "VECLIB_MAXIMUM_THREADS",
+    ),
+    "1",
+)  # fmt: skip
+"""Environment of a worker: as many processes as cores, so one thread each."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A job with all that its worker needs; it pickles in about 20 bytes a reading and column."""
+
+    job: Job
+    out: Path
+    config: RunConfig
+    seed: int
+
+
+def prepare_worker() -> None:
+    """Leave interrupts to the parent, and end when the parent has ended."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_after, args=(parent,), daemon=True).start()
+
+
+def _end_after(parent: multiprocessing.process.BaseProcess) -> None:
+    parent.join()
+    os._exit(1)
+
+
+def run_task(task: Task) -> Row:
+    """Fit a sample into its folder, or go on with what is there; never raises for a bad sample.
+
+    The folder's name says what the run is made from, so what is found finished there is the
+    result. Another process in the folder is refused by its lock.
+    """
+    started = time.perf_counter()
+    job, m = task.job, task.job.measurement
+    assert m is not None
+    try:
+        folder = own_folder(task.out, job.folder)
+        if not _is_done(folder):  # it is where the process ended before it could say so
+            fit_into(folder, m, task.config, seed=task.seed, resume=True, brief=True)
+        row = finished_row(
+            job, load_summary(folder), status=DONE, seconds=time.perf_counter() - started
+        )
+    except PbrdfError as error:
+        return failed_row(job, str(error), seconds=time.perf_counter() - started)
+    except (ArithmeticError, ValueError, RuntimeError, OSError, MemoryError) as error:
+        text = f"{type(error).__name__}: {error}. Fit this sample alone to see where it happens"
+        return failed_row(job, text, seconds=time.perf_counter() - started)
+    return row
+
+
+def finished_before(out: Path, job: Job) -> Row | None:
+    """Row of a sample that an earlier batch has finished; None where it has not."""
+    try:
+        folder = own_folder(out, job.folder)
+        if not _is_done(folder):
+            return None
+        return finished_row(job, load_summary(folder), status=SKIPPED, seconds=0.0)
+    except RunFolderError as error:
+        return failed_row(job, str(error))
+
+
+def _is_done(folder: Path) -> bool:
+    return is_finished(folder) and load_summary(folder)["status"] == "done"
+
+
+def own_folder(out: Path, name: str) -> Path:
+    """Folder of a run inside ``out``; a link that could lead out of it is refused.
+
+    Raises
+    ------
+    RunFolderError
+    """
+    folder = out / name
+    links = [folder] if folder.is_symlink() else []
+    links += [p for p in folder.iterdir() if p.is_symlink()] if folder.is_dir() else []
+    if links:
+        msg = (
+            f"{links[0]}: is a symbolic link, which is not followed from a batch folder. Remove "
+            "the link, or give another --out"
+        )
+        raise RunFolderError(msg)
+    return folder

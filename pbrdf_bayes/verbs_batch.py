@@ -1,0 +1,118 @@
+"""The verb ``batch``: its arguments, and what a person at a terminal sees while it runs."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pbrdf_bayes.arguments import DONE, STRICT_FAIL, add_verb, effects, interrupted, seed
+
+if TYPE_CHECKING:
+    from pbrdf_bayes.batch.run import Progress
+
+_EPILOG = """\
+Every sample of every file gets a run folder in DIR, named after it and a hash of its readings,
+configuration, seed and version, and a row in index.html, index.csv and index.json. A sample that
+cannot be fitted is listed with its error. Reports are in short form; 'report' draws all figures.
+
+workers on other machines, which must see DIR under the same path:
+  dask scheduler
+  dask worker tcp://HOST:8786 --nworkers 8 --nthreads 1
+  pbrdf-bayes batch *.csv --out DIR --scheduler tcp://HOST:8786
+
+exit codes: 0 every sample has a row, even where some failed; with --strict 4 where one failed or
+has the verdict FAIL; 2 bad usage; 130 interrupted, go on with --resume
+"""
+
+
+def add_batch(verbs: Any) -> None:
+    """The verb ``batch``."""
+    parser = add_verb(
+        verbs, "batch", _batch, "Fit every sample of some files, with an index.", epilog=_EPILOG
+    )
+    parser.add_argument("csv", type=Path, nargs="+", metavar="CSV")
+    parser.add_argument("--out", type=Path, metavar="DIR",
+                        help="folder of the batch (default reports/batch/<time>)")  # fmt: skip
+    parser.add_argument("--config", type=Path, metavar="TOML", help="choices of every run")
+    parser.add_argument("--accuracy", metavar="LEVEL",
+                        help="draft, standard (default) or reference")  # fmt: skip
+    parser.add_argument("--effects", metavar="NAMES",
+                        help="none (default), auto, or names: lambert,volume")  # fmt: skip
+    parser.add_argument("--seed", type=seed, default=1, metavar="N", help="seed (default 1)")
+    parser.add_argument("--workers", type=_workers, default=1, metavar="N",
+                        help="processes on this machine (default 1)")  # fmt: skip
+    parser.add_argument("--scheduler", metavar="ADDRESS",
+                        help="workers of a Dask scheduler instead, see below")  # fmt: skip
+    parser.add_argument("--resume", action="store_true",
+                        help="go on with the batch in DIR or start it")  # fmt: skip
+    parser.add_argument("--strict", action="store_true",
+                        help="exit 4 when a sample failed or its verdict is FAIL")  # fmt: skip
+    parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
+
+
+def _workers(text: str) -> int:
+    if not (text.isdecimal() and 1 <= len(text) <= 4 and 1 <= int(text) <= 1024):
+        msg = f"{text[:40]!r}: give a whole number from 1 to 1024"
+        raise argparse.ArgumentTypeError(msg)
+    return int(text)
+
+
+def _batch(options: argparse.Namespace) -> int:
+    from pbrdf_bayes.batch.run import fit_batch
+    from pbrdf_bayes.errors import ConfigError
+    from pbrdf_bayes.io.config_toml import read_config
+
+    if options.scheduler is not None and options.workers != 1:
+        msg = "--workers with --scheduler: the scheduler has workers of its own. Give one of them"
+        raise ConfigError(msg)
+    config = read_config(
+        options.config, {"accuracy": options.accuracy, "effects": effects(options.effects)}
+    )
+    try:
+        result = fit_batch(
+            options.csv, config, out=options.out, seed=options.seed, workers=options.workers,
+            scheduler=options.scheduler, resume=options.resume,
+            told=None if options.quiet else _teller(), interrupted=interrupted.is_set,
+        )  # fmt: skip
+    except KeyboardInterrupt as stop:
+        stop.add_note("go on with --resume and the same --out; the index holds what is done")
+        raise
+    print(result.folder)
+    return STRICT_FAIL if options.strict and not result.is_clean else DONE
+
+
+def _teller() -> Callable[[Progress], None]:
+    def tell(progress: Progress) -> None:
+        for line in progress_lines(progress):
+            print(line, file=sys.stderr, flush=True)
+
+    return tell
+
+
+def progress_lines(progress: Progress) -> list[str]:
+    """What came out, then how far the whole is and what is in hand.
+
+    Returns
+    -------
+    list of str
+    """
+    lines = []
+    if progress.row is not None:
+        row = progress.row
+        what = row["verdict"] or f"{row['status']}: {str(row['error']).splitlines()[0]}"
+        lines.append(f"{row['sample']!a}: {what[:160]} ({row['seconds']:.1f} s)")
+    share = progress.n_done / max(progress.n_samples, 1)
+    bar = "#" * int(24 * share) + "." * (24 - int(24 * share))
+    left = progress.seconds_left
+    text = "" if not left else f", about {_duration(left)} left"
+    hand = ", ".join(name if name.isascii() else ascii(name) for name in progress.running)
+    hand = f"; in hand: {hand}" if hand else ""
+    lines.append(f"  [{bar}] {progress.n_done}/{progress.n_samples} samples{text}{hand}"[:240])
+    return lines
+
+
+def _duration(left: float) -> str:
+    return f"{left:.0f} s" if left < 100 else f"{left / 60:.0f} min"

@@ -1,0 +1,50 @@
+"""Damaged files from outside are refused with an error of this package, never otherwise."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from pbrdf_bayes.errors import DataError
+from pbrdf_bayes.io import csv_table
+from pbrdf_bayes.io.tidy_csv import read_samples
+
+
+@pytest.fixture(scope="module")
+def script() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("fuzz_run", Path(__file__).with_name("run.py"))
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", ["CSV", "TOML", "JSON"])
+def test_nothing_but_named_errors(script, name, tmp_path):
+    tried, crashes, hangs = script.fuzz(name, 4.0, tmp_path)
+    assert tried > 0
+    assert crashes == []
+    assert hangs == 0
+
+
+def test_a_file_without_end_is_refused():
+    """A device: only so much of it is read."""
+    device = Path("/dev/zero")
+    if not device.exists():
+        pytest.skip("no /dev/zero here")
+    with pytest.raises(DataError, match="larger than 128 MiB"):
+        read_samples(device)
+
+
+def test_too_many_rows_and_one_huge_line_are_refused(tmp_path):
+    file = tmp_path / "bomb.csv"
+    file.write_bytes(b"a,b\n" * (csv_table.MAX_ROWS + 1))
+    with pytest.raises(DataError, match=r"3000001 lines \(allowed: up to 3000000\)"):
+        read_samples(file)
+    file.write_bytes(b"sample," + b"x" * 10_000_000)
+    with pytest.raises(DataError, match="line 1 is 10000007 bytes long"):
+        read_samples(file)
