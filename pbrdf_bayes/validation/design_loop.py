@@ -21,11 +21,12 @@ from pbrdf_bayes.design.candidates import Candidate, Costs, list_candidates
 from pbrdf_bayes.design.hemispherical import draw_hemispherical, gain_law, hemispherical_values
 from pbrdf_bayes.design.run import DesignChoices, DesignResult, design_measurements
 from pbrdf_bayes.design.scans import draw_scans, law_of_rows, plan_scan
+from pbrdf_bayes.errors import FitError
+from pbrdf_bayes.inference.importance import K_HAT_LIMIT, adapt_mixture, importance_sample
 from pbrdf_bayes.inference.laplace import laplace_mixture
 from pbrdf_bayes.inference.map_fit import find_map
 from pbrdf_bayes.inference.mixture import fit_mixture
 from pbrdf_bayes.inference.posterior import build_posterior
-from pbrdf_bayes.inference.sampling import sample_posterior
 from pbrdf_bayes.measurement import Measurement, measurement_from_columns
 from pbrdf_bayes.model import Parameters
 from pbrdf_bayes.simulate import simulate_measurement
@@ -39,36 +40,48 @@ PAINTS: Mapping[str, Parameters] = {
     "smooth": Parameters(n=1.5, k=0.05, sigma_n0=0.6, rho0=0.08),
     "rough": Parameters(n=1.45, k=0.1, sigma_n0=0.3, rho0=1.2),
     "absorbing": Parameters(n=1.7, k=0.6, sigma_n0=0.5, rho0=0.3),
-    "low index": Parameters(n=1.35, k=0.02, sigma_n0=0.7, rho0=0.6),
+    "low index": Parameters(n=1.4, k=0.1, sigma_n0=0.7, rho0=0.6),
 }
 CANDIDATES: tuple[Candidate, ...] = tuple(
     Candidate(kind, q, angle, minutes=Costs().of(kind, len(SCAN)),
-              theta_r_deg=SCAN if kind == "brdf" else (), port_deg=5.0 if kind == "ddr" else 0.0)
+              theta_r_deg=SCAN if kind == "brdf" else ())
     for kind, q, angle in (
-        ("brdf", "s", 60.0), ("brdf", "p", 60.0), ("brdf", "p", 75.0), ("brdf", "s", 20.0),
-        ("dhr", "s", 75.0), ("ddr", "p", 20.0),
+        ("brdf", "s", 75.0), ("brdf", "p", 45.0), ("brdf", "p", 75.0), ("brdf", "p", 60.0),
+        ("dhr", "s", 80.0), ("dhr", "p", 80.0),
     )
 )  # fmt: skip
-"""Two polarisations and angles, a repeat of what was measured, a DHR and a DDR."""
+"""Scans at new angles, a repeat of what was measured, and DHR."""
 _MISFIT, _NOISE, _U_DHR = 0.03, 0.02, 0.001
 _COMPONENTS = 5
+_N_PROPOSALS, _N_DRAWS = 16_000, 4_000
 
 
 def first_measurement(paint: str, *, seed: int) -> Measurement:
-    """Scans of s and p light at 20 deg and DHR readings of a paint."""
+    """Scans of s and p light at 20 and 60 deg and DHR readings of a paint."""
     return simulate_measurement(
-        PAINTS[paint], seed=seed, theta_i_deg=(20.0,), theta_r_deg=SCAN, polarizations=("s", "p"),
-        dhr_theta_i_deg=(10.0, 45.0, 70.0), relative_noise=_NOISE, dhr_noise=_U_DHR,
+        PAINTS[paint], seed=seed, theta_i_deg=(20.0, 60.0), theta_r_deg=SCAN,
+        polarizations=("s", "p"), dhr_theta_i_deg=(10.0, 45.0, 70.0), relative_noise=_NOISE, dhr_noise=_U_DHR,
     )  # fmt: skip
 
 
 def fitted(measurement: Measurement, *, seed: int) -> Beliefs:
-    """Posterior draws of a measurement."""
+    """Posterior draws of a measurement, by importance sampling.
+
+    Raises
+    ------
+    FitError
+        When its weights are not reliable.
+    """
     posterior = build_posterior(measurement, CONFIG)
-    optima = find_map(posterior, n_starts=8, seed=seed)
-    mixture = laplace_mixture(posterior, optima)
-    draws = sample_posterior(posterior, mixture, CONFIG, method="psis", seed=seed)
-    return beliefs_of_run(posterior, draws.flat)
+    optima = find_map(posterior, n_starts=6, seed=seed)
+    mixture = adapt_mixture(posterior, laplace_mixture(posterior, optima), seed=seed)
+    found = importance_sample(
+        posterior, mixture, n_proposals=_N_PROPOSALS, n_draws=_N_DRAWS, seed=seed
+    )
+    if found.k_hat > K_HAT_LIMIT:
+        msg = f"importance sampling of the study is not reliable: k-hat {found.k_hat:.2f}"
+        raise FitError(msg)
+    return beliefs_of_run(posterior, posterior.from_coordinates(found.z))
 
 
 def entropy(beliefs: Beliefs, *, seed: int) -> float:
@@ -103,9 +116,6 @@ def measure(
     sets = draw_sets(beliefs, truth[None, :], np.random.default_rng([seed, 51]))
     columns = _columns(beliefs.posterior.measurement)
     for candidate in candidates:
-        if candidate.quantity == "ddr":
-            msg = "a DDR reading has no place in a measurement"
-            raise ValueError(msg)
         values = _readings(beliefs, candidate, sets, seed)
         n = len(values)
         columns["quantity"] += [candidate.quantity] * n
@@ -161,8 +171,7 @@ def realised_drops(
 def compare(paint: str, *, n: int, seed: int) -> list[dict[str, Any]]:
     """Promised and realised information of the candidates for one paint."""
     beliefs = fitted(first_measurement(paint, seed=seed), seed=seed)
-    wanted = [c for c in CANDIDATES if c.quantity != "ddr"]
-    promised = design_measurements(beliefs, wanted, choices=_choices(seed))
+    promised = design_measurements(beliefs, CANDIDATES, choices=_choices(seed))
     rows = []
     for e in promised.evaluated:
         drops = realised_drops(beliefs, [e.candidate], n=n, seed=seed)
