@@ -19,6 +19,7 @@ from pbrdf_bayes import __version__
 from pbrdf_bayes.arguments import BAD_INPUT, DONE, INTERRUPTED, interrupted
 from pbrdf_bayes.errors import PbrdfError
 from pbrdf_bayes.verbs import add_bench, add_check, add_fit, add_predict, add_report, add_simulate
+from pbrdf_bayes.verbs_design import add_design
 
 _SIGNED = ("--theta-i", "--theta-r", "--dhr-theta-i", "--phi-r")
 _EPILOG = """\
@@ -129,6 +130,9 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"pbrdf-bayes {__version__}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
-    for add in (add_check, add_fit, add_report, add_predict, add_simulate, add_bench):
+    verbs_in_order = (
+        add_check, add_fit, add_report, add_predict, add_design, add_simulate, add_bench,
+    )  # fmt: skip
+    for add in verbs_in_order:
         add(verbs)
     return parser
