@@ -18,6 +18,8 @@ from pbrdf_bayes.design.words import recommend
 Array = NDArray[np.float64]
 
 SCHEMA_VERSION = 1
+LEAST_DRAWS = 10.0
+"""Effective draws below which a standard deviation after the measurement is not told."""
 
 
 def summarise_design(result: DesignResult, run: Mapping[str, Any] | None) -> dict[str, Any]:
@@ -99,7 +101,7 @@ def _evaluated(
                 "pareto": bool(by_gain.pareto[i]),
                 "repeat": bool(result.repeats[i]),
                 "sd_ratio": {
-                    name: _ratio(done.sd_ratio[at], done.sd_ratio_se[at])
+                    name: _ratio(done.sd_ratio[at], done.sd_ratio_se[at], gain.ess)
                     for name, at in columns.items()
                 },
             }
@@ -166,6 +168,8 @@ def _batch(batch: Batch) -> dict[str, Any]:
         "members": rows,
         "eig_nats": batch.eig,
         "eig_se": 0.0 if before is None else before.se,
+        "eig_low": 0.0 if before is None else before.low,
+        "eig_high": 0.0 if before is None else before.high,
         "minutes": batch.minutes,
     }
 
@@ -175,10 +179,12 @@ def _columns(names: tuple[str, ...]) -> dict[str, NDArray[np.int64]]:
     return {name: np.flatnonzero(np.array(names) == name) for name in dict.fromkeys(names)}
 
 
-def _ratio(ratio: Array, se: Array) -> dict[str, float]:
+def _ratio(ratio: Array, se: Array, ess: float) -> dict[str, float | None]:
     """Of several columns the root mean square, with errors taken as common to all of them."""
     value = _rms(ratio)
-    return {"ratio": value, "se": float(np.mean(ratio * se) / value) if value > 0.0 else 0.0}
+    if ess < LEAST_DRAWS or not value > 0.0:
+        return {"ratio": None, "se": None}
+    return {"ratio": value, "se": float(np.mean(ratio * se) / value)}
 
 
 def _rms(values: Array) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import groupby
-from math import isfinite
 from typing import Any
 
 from pbrdf_bayes.design.ranking import span_of_angles
@@ -103,6 +102,9 @@ def _nats(value: float) -> str:
 
 
 def _gain(row: Record) -> str:
+    """A gain with its error, or with its bracket where that is wide."""
+    if row["eig_high"] - row["eig_low"] > WIDE_NATS:
+        return f"between {_nats(row['eig_low'])} and {_nats(row['eig_high'])} nat"
     se = f"{row['eig_se']:.2f}" if row["eig_se"] >= 0.005 else "0.01"
     return f"{_nats(row['eig_nats'])} ± {se} nat"
 
@@ -112,20 +114,25 @@ def _percent(share: float) -> str:
 
 
 def _best(best: Record, design: Record, about: str) -> str:
-    words = f"take the {best['label']} next ({minutes(best['minutes'])}): "
-    if best["eig_high"] - best["eig_low"] > WIDE_NATS:
-        words += (
-            f"between {_nats(best['eig_low'])} and {_nats(best['eig_high'])} nat about {about}; "
-            "more draws would narrow that (--draws)."
-        )
+    words = (
+        f"take the {best['label']} next ({minutes(best['minutes'])}): {_gain(best)} about {about}"
+    )
+    wide = best["eig_high"] - best["eig_low"] > WIDE_NATS
+    words += "; more draws would narrow that (--draws)." if wide else "."
+    ratios = {name: found["ratio"] for name, found in best["sd_ratio"].items()}
+    known = {name: ratio for name, ratio in ratios.items() if ratio is not None}
+    inferred = [name for name in design["about"] if name in known]
+    if inferred:
+        sharpest = min(inferred, key=lambda name: known[name])
+        goals = [name for name in known if name not in design["about"]][:_MOST_GOALS]
+        shrunk = [f"of {name} to {_percent(known[name])}" for name in (sharpest, *goals)]
+        words += f" It is expected to bring the standard deviation {listed(shrunk)} of what it is "
+        words += "now."
     else:
-        words += f"{_gain(best)} about {about}."
-    ratios = best["sd_ratio"]
-    sharpest = min(design["about"], key=lambda name: ratios[name]["ratio"])
-    goals = [name for name in ratios if name not in design["about"]]
-    goals = [name for name in goals if isfinite(ratios[name]["ratio"])][:_MOST_GOALS]
-    shrunk = [f"of {name} to {_percent(ratios[name]['ratio'])}" for name in (sharpest, *goals)]
-    words += f" It is expected to bring the standard deviation {listed(shrunk)} of what it is now."
+        words += (
+            " So much is gained that few of the draws remain plausible after it: by how much each "
+            "parameter sharpens cannot be told from them, and the order of the best is rough."
+        )
     if best["repeat"]:
         words += " It repeats a geometry that has been measured: less noise there tells more."
     return words

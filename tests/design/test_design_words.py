@@ -28,7 +28,15 @@ def row(
 
 
 def design(*rows: dict[str, Any], **other: Any) -> dict[str, Any]:
-    batch = {"members": [], "eig_nats": 0.0, "eig_se": 0.0, "minutes": 0.0, "budget_minutes": None}
+    batch = {
+        "members": [],
+        "eig_nats": 0.0,
+        "eig_se": 0.0,
+        "eig_low": 0.0,
+        "eig_high": 0.0,
+        "minutes": 0.0,
+        "budget_minutes": None,
+    }
     found = {
         "run": RUN,
         "about": ["n", "k"],
@@ -118,13 +126,21 @@ def test_a_wide_bracket_is_told_instead_of_the_middle() -> None:
     assert "between +4.60 and +5.40 nat about n and k; more draws would narrow that" in said
 
 
+def test_where_few_draws_remain_no_standard_deviation_is_told() -> None:
+    nothing = {"n": {"ratio": None, "se": None}, "k": {"ratio": None, "se": None}}
+    said = recommend(design(row("p scan", 55.0, 9.0, eig_low=5.0, eig_high=13.0, sd_ratio=nothing)))
+    assert "between +5.00 and +13.0 nat" in said[0]
+    assert "few of the draws remain plausible" in said[0]
+    assert "%" not in said[0]
+
+
 def test_a_repeat_is_told() -> None:
     assert "repeats a geometry" in recommend(design(BEST | {"repeat": True}))[0]
 
 
 def test_the_batch_is_told_with_its_budget() -> None:
     batch = {
-        "members": [BEST, row("p scan", 50.0, 0.3)], "eig_nats": 0.91, "eig_se": 0.02,
+        "members": [BEST, row("p scan", 50.0, 0.3)], "eig_nats": 0.91, "eig_se": 0.02, "eig_low": 0.9, "eig_high": 0.92,
         "minutes": 36.0, "budget_minutes": 60.0,
     }  # fmt: skip
     said = recommend(design(BEST, batch=batch))
