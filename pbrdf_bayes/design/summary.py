@@ -168,7 +168,7 @@ def _batch(batch: Batch) -> dict[str, Any]:
         "members": rows,
         "eig_nats": batch.eig,
         "eig_se": 0.0 if before is None else before.se,
-        "eig_low": 0.0 if before is None else before.low,
+        "eig_low": max((gain.low for gain in batch.gains), default=0.0),  # more never tells less
         "eig_high": 0.0 if before is None else before.high,
         "minutes": batch.minutes,
     }
