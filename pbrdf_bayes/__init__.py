@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from pbrdf_bayes.batch.run import fit_batch
     from pbrdf_bayes.config import RunConfig
     from pbrdf_bayes.data_checks import check_measurement
+    from pbrdf_bayes.design.candidates import Candidate, Costs
     from pbrdf_bayes.effects import Effects
     from pbrdf_bayes.errors import (
         ConfigError,
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from pbrdf_bayes.io.tidy_csv import read_measurement, write_tidy_csv
     from pbrdf_bayes.measurement import Measurement
     from pbrdf_bayes.model import Parameters, brdf, dhr, normalisation_error, reciprocity_ratio
+    from pbrdf_bayes.next_measurement import design_next
     from pbrdf_bayes.polarimetry import (
         angle_of_linear_polarization_deg,
         degree_of_linear_polarization,
@@ -45,8 +47,10 @@ __version__ = "0.1.0"
 
 _HOME = {
     "Analysis": "results",
+    "Candidate": "design.candidates",
     "ConfigError": "errors",
     "ConvergenceError": "errors",
+    "Costs": "design.candidates",
     "DataError": "errors",
     "DomainError": "errors",
     "Effects": "effects",
@@ -64,6 +68,7 @@ _HOME = {
     "build_posterior": "inference.posterior",
     "check_measurement": "data_checks",
     "degree_of_linear_polarization": "polarimetry",
+    "design_next": "next_measurement",
     "dhr": "model",
     "fit": "workflow",
     "fit_batch": "batch.run",
@@ -84,8 +89,10 @@ _HOME = {
 __all__ = [
     "GREEN_PAINT",
     "Analysis",
+    "Candidate",
     "ConfigError",
     "ConvergenceError",
+    "Costs",
     "DataError",
     "DomainError",
     "Effects",
@@ -103,6 +110,7 @@ __all__ = [
     "build_posterior",
     "check_measurement",
     "degree_of_linear_polarization",
+    "design_next",
     "dhr",
     "fit",
     "fit_batch",

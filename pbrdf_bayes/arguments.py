@@ -53,6 +53,11 @@ def grid(text: str) -> list[float]:
         raise argparse.ArgumentTypeError(msg) from None
 
 
+def angles(text: str) -> list[float]:
+    """Angles with commas, or LO:HI:STEP."""
+    return grid(text) if ":" in text else numbers(text)
+
+
 def words(text: str) -> list[str]:
     """Polarisations with commas."""
     found = [part.strip() for part in text.split(",") if part.strip()]

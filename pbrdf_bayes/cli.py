@@ -21,6 +21,7 @@ from pbrdf_bayes.errors import PbrdfError
 from pbrdf_bayes.verbs import add_bench, add_check, add_fit, add_predict, add_report, add_simulate
 from pbrdf_bayes.verbs_batch import add_batch
 from pbrdf_bayes.verbs_conform import add_conform
+from pbrdf_bayes.verbs_design import add_design
 
 _SIGNED = ("--theta-i", "--theta-r", "--dhr-theta-i", "--phi-r")
 _EPILOG = """\
@@ -131,15 +132,10 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"pbrdf-bayes {__version__}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
-    for add in (
-        add_check,
-        add_fit,
-        add_batch,
-        add_report,
-        add_predict,
-        add_conform,
-        add_simulate,
-        add_bench,
-    ):
+    verbs_in_order = (
+        add_check, add_fit, add_batch, add_report, add_predict, add_conform, add_design,
+        add_simulate, add_bench,
+    )  # fmt: skip
+    for add in verbs_in_order:
         add(verbs)
     return parser

@@ -70,11 +70,14 @@ class Analysis:
         The content of ``posterior.nc``, see the module's docstring.
     config_toml : str
         The resolved configuration.
+    design : mapping, optional
+        The content of ``design.json``: what to measure next, where that was computed.
     """
 
     summary: Mapping[str, Any]
     draws: xr.DataTree
     config_toml: str
+    design: Mapping[str, Any] | None = None
 
 
 def drawn_sets(

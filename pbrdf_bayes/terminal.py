@@ -1,8 +1,9 @@
-"""What a person at a terminal sees while a fit runs: stages and a progress line, on stderr."""
+"""What a person at a terminal sees while something runs: stages and progress, on stderr."""
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable
 
 from pbrdf_bayes.inference.sampling import Progress
@@ -25,6 +26,33 @@ def observer(*, quiet: bool, interrupted: Callable[[], bool]) -> Observer:
         stage=lambda name: say(f"{name} ...", "\n"),
         progress=lambda p: say(progress_line(p), "\r" if live and p.seconds_left else "\n"),
     )
+
+
+def counter(*, quiet: bool, interrupted: Callable[[], bool]) -> Callable[[str, int, int], None]:
+    """Told a stage and how many of how many are done: a line for each stage, with the time left.
+
+    Where stderr is no terminal a stage has a line at its start and one at its end.
+    """
+    live = sys.stderr.isatty()
+    started: dict[str, float] = {}
+
+    def told(stage: str, done: int, of: int) -> None:
+        if interrupted():
+            raise KeyboardInterrupt
+        now = time.perf_counter()
+        first = stage not in started
+        elapsed = now - started.setdefault(stage, now)
+        if not quiet and (live or first or done == of):
+            line = f"  {stage} {done}/{of}  {_left(elapsed, done, of)}".rstrip()
+            _write(f"{line:<60}", end="\r" if live and done < of else "\n")
+
+    return told
+
+
+def _left(elapsed: float, done: int, of: int) -> str:
+    if done < 2 or done == of:
+        return ""
+    return f"about {elapsed * (of - done) / (done - 1) + 0.5:.0f} s left"
 
 
 def _write(text: str, *, end: str) -> None:

@@ -70,7 +70,7 @@ def files_below(folder: Path) -> set[str]:
 def test_help_names_every_verb_and_the_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("--help") == 0
     text = capsys.readouterr().out
-    for word in ("check", "fit", "report", "predict", "simulate", "exit codes", "130"):
+    for word in ("check", "fit", "report", "predict", "design", "simulate", "exit codes", "130"):
         assert word in text
 
 
@@ -80,6 +80,7 @@ def test_help_of_every_verb_lists_its_options(capsys: pytest.CaptureFixture[str]
         "fit": ["CSV", "--sample", "--out", "--config", "--accuracy", "--effects", "--seed",
                 "--resume", "--strict", "--wavelength"],
         "report": ["DIR"],
+        "design": ["DIR", "--candidates", "--minutes", "--goal", "--about", "--json", "--out"],
         "predict": ["DIR", "--params", "--theta-i", "--theta-r", "--polarization", "--out"],
         "simulate": ["--params", "--theta-i", "--seed", "--out", "--noise"],
     }  # fmt: skip

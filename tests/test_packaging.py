@@ -69,7 +69,13 @@ def test_the_wheel_holds_every_module_and_every_resource(wheel):
         if "__pycache__" not in path.parts
     }
     assert here <= packed
-    for name in ("io/summary.schema.json", "report/template.html.j2", "report/report.css"):
+    for name in (
+        "io/summary.schema.json",
+        "io/design.schema.json",
+        "report/design.html.j2",
+        "report/template.html.j2",
+        "report/report.css",
+    ):
         assert f"pbrdf_bayes/{name}" in packed
 
 

@@ -90,15 +90,25 @@ def pareto_front(gain: Array, minutes: Array) -> NDArray[np.bool_]:
     return front
 
 
-def span_of_angles(angles: Sequence[float]) -> str:
-    """Neighbouring angles as a range: ``55 to 65°``, others with commas.
+def span_of_angles(angles: Sequence[float], grid: Sequence[float]) -> str:
+    """Angles that are neighbours in ``grid`` as a range, others with commas.
 
     Examples
     --------
-    >>> span_of_angles([60, 55, 65]), span_of_angles([10])
-    ('55 to 65°', '10°')
+    >>> span_of_angles([60, 55, 65, 80], range(0, 90, 5)), span_of_angles([10, 15], [10, 15])
+    ('55 to 65° and 80°', '10 and 15°')
     """
-    ordered = sorted(set(angles))
-    if len(ordered) > 2:
-        return f"{ordered[0]:g} to {ordered[-1]:g}°"
-    return " and ".join(f"{a:g}°" for a in ordered)
+    wanted, runs = set(angles), list[list[float]]()
+    previous = None
+    for angle in sorted({*grid, *angles}):
+        if angle in wanted:
+            if previous not in wanted:
+                runs.append([])
+            runs[-1].append(angle)
+        previous = angle
+    words = [
+        f"{run[0]:g} {'to' if len(run) > 2 else 'and'} {run[-1]:g}°" if len(run) > 1
+        else f"{run[0]:g}°"
+        for run in runs
+    ]  # fmt: skip
+    return f"{', '.join(words[:-1])} and {words[-1]}" if len(words) > 1 else words[0]

@@ -27,6 +27,7 @@ POSTERIOR = "posterior.nc"
 CONFIG = "config.toml"
 REPORT = "report.html"
 PDF = "report.pdf"
+DESIGN = "design.json"
 LOG = "log.txt"
 LOCK = ".lock"
 _PART = ".part"
@@ -261,7 +262,7 @@ def load_analysis(folder: Path) -> Analysis:
     except (OSError, ValueError) as error:
         msg = f"{folder}: the run is damaged ({error}). Fit again into another folder"
         raise RunFolderError(msg) from None
-    return Analysis(summary=summary, draws=draws, config_toml=text)
+    return Analysis(summary, draws, text, design=load_design(folder, summary))
 
 
 def load_summary(folder: Path) -> dict[str, Any]:
@@ -287,9 +288,48 @@ def load_summary(folder: Path) -> dict[str, Any]:
     return summary
 
 
+def load_design(folder: Path, summary: Mapping[str, Any]) -> dict[str, Any] | None:
+    """What to measure next, as it was computed from this run; None where it was not.
+
+    Parameters
+    ----------
+    folder : Path
+    summary : mapping
+        Of the run: a design from draws that are no longer there does not count.
+
+    Raises
+    ------
+    RunFolderError
+        The file is damaged.
+    """
+    path = folder / DESIGN
+    if not path.is_file():
+        return None
+    remedy = "Remove it, or run 'design' again"
+    try:
+        design: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        msg = f"{path}: damaged ({error}). {remedy}"
+        raise RunFolderError(msg) from None
+    _validate(design, "design", where=str(path), remedy=f". {remedy}")
+    run = design["run"]
+    return design if run is not None and run["created_utc"] == summary["created_utc"] else None
+
+
+def validate_design(design: Mapping[str, Any], *, where: str) -> None:
+    """Hold a design against its schema.
+
+    Raises
+    ------
+    RunFolderError
+        Naming the path of the first entry that does not fit.
+    """
+    _validate(design, "design", where=where)
+
+
 @cache
-def _schema() -> Any:
-    text = resources.files("pbrdf_bayes.io").joinpath("summary.schema.json").read_text("utf-8")
+def _schema(name: str) -> Any:
+    text = resources.files("pbrdf_bayes.io").joinpath(f"{name}.schema.json").read_text("utf-8")
     return jsonschema.Draft202012Validator(json.loads(text))
 
 
@@ -301,10 +341,14 @@ def validate_summary(summary: Mapping[str, Any], *, where: str) -> None:
     RunFolderError
         Naming the path of the first entry that does not fit.
     """
-    error = jsonschema.exceptions.best_match(_schema().iter_errors(summary))
+    _validate(summary, "summary", where=where)
+
+
+def _validate(value: Any, name: str, *, where: str, remedy: str = "") -> None:
+    error = jsonschema.exceptions.best_match(_schema(name).iter_errors(value))
     if error is not None:
         at = "/".join(str(part) for part in error.absolute_path) or "top level"
-        msg = f"{where}: {at}: {error.message[:300]}"
+        msg = f"{where}: {at}: {error.message[:300]}{remedy}"
         raise RunFolderError(msg)
 
 

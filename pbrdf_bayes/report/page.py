@@ -10,7 +10,7 @@ from typing import Any
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from pbrdf_bayes.report import conformity, document, structure, tables, texts
+from pbrdf_bayes.report import conformity, design_tables, document, structure, tables, texts
 from pbrdf_bayes.report.arrays import draws_of
 from pbrdf_bayes.report.figures import Figures, draw_figures
 from pbrdf_bayes.report.numbers import count
@@ -30,6 +30,7 @@ TITLES = {
     "structure": "Lobe widths and reciprocity",
     "posterior": "Posterior and sampling",
     "diagnostics": "Diagnostics",
+    "next": "What to measure next",
     "data": "Data",
     "model": "Model and priors",
     "cost": "Accuracy and cost",
@@ -43,6 +44,7 @@ SYMBOLS = {
     r"\btheta_i\b": "θ<sub>i</sub>",
     r"\btheta_r\b": "θ<sub>r</sub>",
     r"\bsr\^-1\b": "sr⁻¹",
+    r"\b(DHR|DDR|f)_([spu])\b": r"\1<sub>\2</sub>",
 }
 """Symbols in running text, as they are typed and as they are set."""
 
@@ -150,6 +152,7 @@ def _context(analysis: Analysis, brief: bool) -> dict[str, Any]:
         "accuracy": texts.facts(summary["accuracy"]),
         "timings": texts.timing_rows(summary),
         "provenance": texts.provenance(summary),
+        "next": None if analysis.design is None else design_tables.next_section(analysis.design),
         "config_toml": analysis.config_toml.strip(),
     }
 
@@ -205,6 +208,7 @@ def _contents(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     }
     absent["document"] = not analysis.summary.get("document")
     absent["conformity"] = not analysis.summary.get("conformity")
+    absent["next"] = analysis.design is None
     absent["structure"] = not {"reciprocity", "scan_widths"} & set(analysis.summary)
     sections = [name for name in TITLES if not absent.get(name, False)]
     numbers = {name: number for number, name in enumerate(sections, start=1)}

@@ -60,7 +60,8 @@ def first_measurement(paint: str, *, seed: int) -> Measurement:
     """Scans of s and p light at 20 and 60 deg and DHR readings of a paint."""
     return simulate_measurement(
         PAINTS[paint], seed=seed, theta_i_deg=(20.0, 60.0), theta_r_deg=SCAN,
-        polarizations=("s", "p"), dhr_theta_i_deg=(10.0, 45.0, 70.0), relative_noise=_NOISE, dhr_noise=_U_DHR,
+        polarizations=("s", "p"), dhr_theta_i_deg=(10.0, 45.0, 70.0), relative_noise=_NOISE,
+        dhr_noise=_U_DHR,
     )  # fmt: skip
 
 

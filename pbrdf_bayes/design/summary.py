@@ -1,0 +1,195 @@
+"""What a design calculation found, as plain values for a file, a page and the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbrdf_bayes import __version__
+from pbrdf_bayes.design.batches import Batch
+from pbrdf_bayes.design.candidates import Candidate
+from pbrdf_bayes.design.nested import Gain
+from pbrdf_bayes.design.run import DesignResult
+from pbrdf_bayes.design.words import recommend
+
+Array = NDArray[np.float64]
+
+SCHEMA_VERSION = 1
+LEAST_DRAWS = 10.0
+"""Effective draws below which a standard deviation after the measurement is not told."""
+
+
+def summarise_design(result: DesignResult, run: Mapping[str, Any] | None) -> dict[str, Any]:
+    """A design as plain values, see ``pbrdf_bayes/io/design.schema.json``.
+
+    Parameters
+    ----------
+    result : DesignResult
+    run : mapping or None
+        Summary of the run that the beliefs come from; None before any reading.
+
+    Returns
+    -------
+    dict
+        ``candidates`` holds the largest gain first; those that only the linear estimate screened
+        come after all others, with None for what was not computed.
+    """
+    columns = _columns(result.quantities)
+    choices = result.choices
+    found: dict[str, Any] = {
+        "schema_version": SCHEMA_VERSION,
+        "version": __version__,
+        "run": None if run is None else _run(run),
+        "about": list(result.about),
+        "sd_before": {name: _rms(result.sd_before[at]) for name, at in columns.items()},
+        "n_candidates": len(result.candidates),
+        "n_evaluated": len(result.evaluated),
+        "candidates": [*_evaluated(result, columns), *_screened(result)],
+        "batch": _batch(result.batch) | {"budget_minutes": _or_none(choices.minutes)},
+        "pairs": None,
+        "choices": {
+            "n_outer": choices.n_outer, "n_inner": choices.n_inner,
+            "n_nuisance": choices.n_nuisance, "batch": choices.batch,
+            "minutes": _or_none(choices.minutes),
+        },
+        "seed": choices.seed,
+    }  # fmt: skip
+    if result.pairs is not None:
+        pairs = result.pairs
+        found["pairs"] = {
+            "best": _batch(pairs.best), "greedy": _batch(pairs.greedy), "gap_nats": pairs.gap,
+            "gap_se": pairs.gap_se, "n_compared": pairs.n_compared,
+        }  # fmt: skip
+    found["recommendation"] = "\n".join(recommend(found))
+    return found
+
+
+def _run(summary: Mapping[str, Any]) -> dict[str, Any]:
+    keys = ("sample", "wavelength_um", "created_utc", "verdict", "seed")
+    return {key: summary[key] for key in keys} | {
+        "applicability": (summary.get("applicability") or {}).get("verdict")
+    }
+
+
+def _evaluated(
+    result: DesignResult, columns: Mapping[str, NDArray[np.int64]]
+) -> list[dict[str, Any]]:
+    by_gain, by_minute = result.by_gain, result.by_minute
+    rows = []
+    for i in np.argsort(-by_gain.value, kind="stable"):
+        done = result.evaluated[i]
+        gain, minutes, at = done.gain, done.candidate.minutes, result.chosen[i]
+        rows.append(
+            describe(done.candidate)
+            | {
+                "eig_nats": gain.eig,
+                "eig_se": gain.se,
+                "eig_low": gain.low,
+                "eig_high": gain.high,
+                "ess": gain.ess,
+                "eig_per_minute": gain.eig / minutes,
+                "eig_per_minute_se": gain.se / minutes,
+                "linear_nats": float(result.linear[at]),
+                "linear_se": float(result.linear_se[at]),
+                "p_best": float(by_gain.p_best[i]),
+                "p_best_per_minute": float(by_minute.p_best[i]),
+                "tied": bool(by_gain.tied[i]),
+                "tied_per_minute": bool(by_minute.tied[i]),
+                "pareto": bool(by_gain.pareto[i]),
+                "repeat": bool(result.repeats[i]),
+                "sd_ratio": {
+                    name: _ratio(done.sd_ratio[at], done.sd_ratio_se[at], gain.ess)
+                    for name, at in columns.items()
+                },
+            }
+        )
+    return rows
+
+
+_NOT_COMPUTED = (
+    "eig_nats", "eig_se", "eig_low", "eig_high", "ess", "eig_per_minute", "eig_per_minute_se",
+    "p_best", "p_best_per_minute", "tied", "tied_per_minute", "pareto", "repeat", "sd_ratio",
+)  # fmt: skip
+
+
+def _screened(result: DesignResult) -> list[dict[str, Any]]:
+    left = np.setdiff1d(np.arange(len(result.candidates)), result.chosen)
+    left = left[np.argsort(-result.linear[left], kind="stable")]
+    return [
+        describe(result.candidates[i])
+        | dict.fromkeys(_NOT_COMPUTED)
+        | {"linear_nats": float(result.linear[i]), "linear_se": float(result.linear_se[i])}
+        for i in left
+    ]
+
+
+def describe(candidate: Candidate) -> dict[str, Any]:
+    """Plain values of a candidate; the range of a scan, whose step is None where it varies."""
+    angles = np.array(candidate.theta_r_deg)
+    steps = np.diff(angles)
+    even = steps.size > 0 and bool(np.allclose(steps, steps[0], rtol=0.0, atol=1e-5))
+    step = (angles[-1] - angles[0]) / steps.size if even else None
+    return {
+        "label": candidate.label,
+        "quantity": candidate.quantity,
+        "polarization": candidate.polarization,
+        "theta_i_deg": candidate.theta_i_deg,
+        "theta_r_lo_deg": float(angles.min()) if angles.size else None,
+        "theta_r_hi_deg": float(angles.max()) if angles.size else None,
+        "theta_r_step_deg": None if step is None else float(round(step, 6)),
+        "port_deg": candidate.port_deg or None,
+        "n_readings": candidate.n_readings,
+        "minutes": candidate.minutes,
+    }
+
+
+def _batch(batch: Batch) -> dict[str, Any]:
+    rows: list[dict[str, Any]] = []
+    before: Gain | None = None
+    spent = 0.0
+    for member, gain in zip(batch.members, batch.gains, strict=True):
+        added = gain.terms - (0.0 if before is None else before.terms)
+        spent += member.candidate.minutes
+        rows.append(
+            describe(member.candidate)
+            | {
+                "cumulative_minutes": spent,
+                "cumulative_nats": gain.eig,
+                "cumulative_se": gain.se,
+                "added_nats": float(added.mean()),
+                "added_se": float(added.std(ddof=1) / np.sqrt(added.size)),
+            }
+        )
+        before = gain
+    return {
+        "members": rows,
+        "eig_nats": batch.eig,
+        "eig_se": 0.0 if before is None else before.se,
+        "eig_low": max((gain.low for gain in batch.gains), default=0.0),  # more never tells less
+        "eig_high": 0.0 if before is None else before.high,
+        "minutes": batch.minutes,
+    }
+
+
+def _columns(names: tuple[str, ...]) -> dict[str, NDArray[np.int64]]:
+    """Columns of each quantity: a scan has several."""
+    return {name: np.flatnonzero(np.array(names) == name) for name in dict.fromkeys(names)}
+
+
+def _ratio(ratio: Array, se: Array, ess: float) -> dict[str, float | None]:
+    """Of several columns the root mean square, with errors taken as common to all of them."""
+    value = _rms(ratio)
+    if ess < LEAST_DRAWS or not value > 0.0:
+        return {"ratio": None, "se": None}
+    return {"ratio": value, "se": float(np.mean(ratio * se) / value)}
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _or_none(value: float) -> float | None:
+    return value if np.isfinite(value) else None

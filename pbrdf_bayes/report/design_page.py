@@ -1,0 +1,114 @@
+"""The page of a design: what to measure next in words, figures, a plan and how it was computed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pbrdf_bayes.report import design_tables
+from pbrdf_bayes.report.figures_design import (
+    KINDS,
+    gain_pictures,
+    minutes_picture,
+    shrinkage_picture,
+)
+from pbrdf_bayes.report.numbers import count, fixed, number
+from pbrdf_bayes.report.page import environment
+from pbrdf_bayes.report.panel import LOOKS
+
+_SHOWN = 10
+_FEW_DRAWS = 10.0
+
+
+def render_design(design: Mapping[str, Any]) -> str:
+    """Write a design as one self-contained HTML page.
+
+    Parameters
+    ----------
+    design : mapping
+        The content of ``design.json``.
+
+    Returns
+    -------
+    str
+        The same design gives the same text.
+    """
+    run, rows = design["run"], design_tables.evaluated(design)
+    kinds = [
+        words for kind, (words, _) in KINDS.items() if any(r["quantity"] == kind for r in rows)
+    ]
+    first, *others = design["recommendation"].split("\n")
+    return environment().get_template("design.html.j2").render(
+        title=run["sample"] if run else "Before any reading",
+        meta=_meta(design), headline=first, paragraphs=others,
+        gains=gain_pictures(rows, per_minute=False),
+        by_minute=gain_pictures(rows, per_minute=True),
+        minutes=minutes_picture(rows),
+        shrinkage=shrinkage_picture(rows[:_SHOWN], design["sd_before"]),
+        looks={q: {"word": v.word, "dash": " ".join(map(str, v.dash))} for q, v in LOOKS.items()},
+        kinds=kinds, rows=design_tables.candidate_rows(rows[:_SHOWN]),
+        names=list(design["sd_before"]), about=design_tables.listed(design["about"]),
+        plan=design_tables.plan_rows(design["batch"]), pairs=_pairs(design),
+        facts=_facts(design), repeats=any(r["repeat"] for r in rows),
+        n_more=design["n_evaluated"] - min(_SHOWN, len(rows)),
+        n_screened=design["n_candidates"] - design["n_evaluated"],
+    )  # fmt: skip
+
+
+def _meta(design: Mapping[str, Any]) -> str:
+    run, n = design["run"], count(design["n_candidates"])
+    considered = f"{n} candidate{'s' * (design['n_candidates'] != 1)} considered"
+    if run is None:
+        return f"from the priors alone · {considered}"
+    return (
+        f"{number(run['wavelength_um'])} µm · verdict of the fit: {run['verdict']} · {considered}"
+    )
+
+
+def _pairs(design: Mapping[str, Any]) -> str:
+    """How far taking the best one at a time is from the best pair."""
+    pairs = design["pairs"]
+    if not pairs:
+        return ""
+    best, greedy = (
+        " and ".join(row["label"] for row in pairs[key]["members"]) for key in ("best", "greedy")
+    )
+    se = fixed(max(pairs["gap_se"], 0.01), 2)
+    if pairs["gap_nats"] <= 0.0:
+        return (
+            f"Of {count(pairs['n_compared'])} pairs of the most promising candidates none beats "
+            f"{greedy}, which are best one after the other."
+        )
+    return (
+        f"Of {count(pairs['n_compared'])} pairs of the most promising candidates the best is "
+        f"{best}, {fixed(pairs['gap_nats'], 2)} ± {se} nat beyond {greedy}, which are best one "
+        "after the other."
+    )
+
+
+def _facts(design: Mapping[str, Any]) -> list[tuple[str, str]]:
+    choices, rows = design["choices"], design_tables.evaluated(design)
+    best = rows[0]
+    widest = max(rows, key=lambda row: row["eig_high"] - row["eig_low"])
+    few = sum(row["ess"] < _FEW_DRAWS for row in rows)
+    budget = choices["minutes"]
+    facts = [
+        ("simulated paints", count(choices["n_outer"])),
+        ("draws compared with each", count(choices["n_inner"])),
+        ("draws of the nuisance for each", count(choices["n_nuisance"])),
+        ("bracket of the best", _bracket(best)),
+        ("widest bracket", f"{_bracket(widest)} ({widest['label']})"),
+        ("effective draws of the best", number(best["ess"])),
+        ("linear estimate of the best",
+         f"{fixed(best['linear_nats'], 2)} ± {fixed(max(best['linear_se'], 0.01), 2)} nat"),
+        ("budget", "none" if budget is None else f"{number(budget)} min"),
+        ("seed", str(design["seed"])),
+        ("version", f"pbrdf_bayes {design['version']}"),
+    ]  # fmt: skip
+    if few:
+        facts.insert(5, ("candidates with under 10 effective draws", count(few)))
+    return facts
+
+
+def _bracket(row: Mapping[str, Any]) -> str:
+    return f"{fixed(row['eig_low'], 3)} to {fixed(row['eig_high'], 3)} nat"

@@ -1,0 +1,94 @@
+"""Rows of a design for its page and for the report: text, prepared to be placed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pbrdf_bayes.report.numbers import MISSING, THIN, count, decimals_of, finite, fixed, number
+
+Record = Mapping[str, Any]
+
+_IN_REPORT = 5
+_BEST = {"tied": "gain", "tied_per_minute": "gain a minute"}
+"""What a candidate is not beaten in, within the error of the calculation."""
+
+
+def next_section(design: Record) -> dict[str, Any]:
+    """What the report of a run says of the next measurement."""
+    return {
+        "paragraphs": design["recommendation"].split("\n"),
+        "rows": candidate_rows(evaluated(design)[:_IN_REPORT]),
+        "names": list(design["sd_before"]),
+        "about": listed(design["about"]),
+        "n_candidates": count(design["n_candidates"]),
+    }
+
+
+def evaluated(design: Record) -> list[Record]:
+    """Candidates that were simulated, the largest gain first."""
+    return [row for row in design["candidates"] if row["eig_nats"] is not None]
+
+
+def candidate_rows(rows: Sequence[Record]) -> list[dict[str, Any]]:
+    """Candidates with their gains and the standard deviations that they leave."""
+    places = (
+        decimals_of(max(row["eig_se"] for row in rows)) or 2,
+        decimals_of(max(row["eig_per_minute_se"] for row in rows)) or 4,
+    )
+    return [_candidate_row(row, *places) for row in rows]
+
+
+def _candidate_row(row: Record, places: int, places_per_minute: int) -> dict[str, Any]:
+    best = [words for key, words in _BEST.items() if row[key]]
+    return {
+        "label": row["label"],
+        "note": "measured before" if row["repeat"] else "",
+        "minutes": number(row["minutes"]),
+        "gain": f"{fixed(row['eig_nats'], places)} ± {fixed(row['eig_se'], places)}",
+        "bracket": f"{fixed(row['eig_low'], places)} to {fixed(row['eig_high'], places)}",
+        "per_minute": fixed(row["eig_per_minute"], places_per_minute),
+        "p_best": _percent(row["p_best"]),
+        "p_best_per_minute": _percent(row["p_best_per_minute"]),
+        "best": ", ".join(best),
+        "ratios": [_percent(ratio["ratio"]) for ratio in row["sd_ratio"].values()],
+    }
+
+
+def plan_rows(batch: Record) -> list[dict[str, str]]:
+    """Measurements in the order in which to take them."""
+    return [
+        {
+            "order": str(i),
+            "label": row["label"],
+            "range": _range(row),
+            "readings": count(row["n_readings"]),
+            "minutes": number(row["minutes"]),
+            "spent": number(row["cumulative_minutes"]),
+            "added": f"{fixed(row['added_nats'], 2)} ± {fixed(max(row['added_se'], 0.01), 2)}",
+            "gain": fixed(row["cumulative_nats"], 2),
+        }
+        for i, row in enumerate(batch["members"], start=1)
+    ]
+
+
+def listed(words: Sequence[str]) -> str:
+    """Words with commas and an ``and``."""
+    return f"{', '.join(words[:-1])} and {words[-1]}" if len(words) > 1 else words[0]
+
+
+def _range(row: Record) -> str:
+    low, high, step = (finite(row[f"theta_r_{end}_deg"]) for end in ("lo", "hi", "step"))
+    if low is None or high is None:
+        return MISSING
+    if low == high:
+        return f"{number(low)}°"
+    by = f" by {number(step)}°" if step is not None else ""
+    return f"{number(low)} to {number(high)}°{by}"
+
+
+def _percent(share: Any) -> str:
+    x = finite(share)
+    if x is None:
+        return MISSING
+    return f"under 1{THIN}%" if 0.0 < x < 0.005 else f"{fixed(100.0 * x, 0)}{THIN}%"

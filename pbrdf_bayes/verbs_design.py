@@ -1,0 +1,218 @@
+"""The verb ``design``: its arguments, and the calculation called; no science.
+
+Only light modules are imported here, so that ``--help`` answers at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from pbrdf_bayes.arguments import DONE, add_verb, angles, grid, interrupted, seed, words
+from pbrdf_bayes.errors import ConfigError
+
+_BEST_SHOWN = 10
+_EPILOG = """\
+goals: dhr:Q:THETA_I, brdf:Q:THETA_I:THETA_R, scan:Q:THETA_I or ratio:THETA_I:THETA_R, with Q one of
+s, p, u and angles in degrees; the expected standard deviation of each is told beside the parameters
+
+a CSV of candidates has the columns quantity (brdf, dhr or ddr), polarization, theta_i_deg; optional
+theta_r_lo_deg, theta_r_hi_deg, theta_r_step_deg (brdf), port_deg (ddr), minutes. A
+measurement_plan.csv is one
+
+minutes decide what is best for each minute: replace the default costs by those of your bench
+
+written to the run folder or --out: design.json, design.html, measurement_plan.csv; report.html of
+the run gets a section. Without DIR, --config TOML designs from its priors, before any reading
+"""
+
+
+def add_design(verbs: Any) -> None:
+    """The verb ``design``."""
+    parser = add_verb(
+        verbs,
+        "design",
+        _design,
+        "What to measure next: expected information, for each and for each minute.",
+        epilog=_EPILOG,
+    )
+    parser.add_argument("folder", type=Path, metavar="DIR", nargs="?", help="a finished run")
+    parser.add_argument(
+        "--config",
+        type=Path,
+        metavar="TOML",
+        help="without DIR: design from the priors of this configuration",
+    )
+    _add_candidates(parser)
+    _add_costs(parser)
+    parser.add_argument(
+        "--minutes",
+        type=_positive,
+        default=float("inf"),
+        metavar="BUDGET",
+        help="budget of the measurements taken together (none)",
+    )
+    parser.add_argument(
+        "--batch", type=int, default=4, metavar="K", help="measurements taken together at most (4)"
+    )
+    parser.add_argument(
+        "--about",
+        type=_names,
+        default=[],
+        metavar="NAMES",
+        help="parameters that the information is about (n,k,sigma_n0,rho0)",
+    )
+    parser.add_argument(
+        "--goal",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="a prediction to be sharpened, see below; may be repeated",
+    )
+    parser.add_argument(
+        "--draws",
+        type=int,
+        default=400,
+        metavar="N",
+        help="simulated paints, each compared with twice as many (400)",
+    )
+    parser.add_argument("--seed", type=seed, default=1, metavar="N", help="seed (default 1)")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder to write into (default: the run folder itself)",
+    )
+    parser.add_argument("--json", action="store_true", help="JSON on stdout instead of words")
+    parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
+
+
+def _add_candidates(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--candidates",
+        default="scan,dhr,ddr",
+        metavar="KINDS",
+        help="scan,dhr,ddr (default) and/or a CSV of explicit candidates",
+    )
+    parser.add_argument(
+        "--theta-i",
+        type=angles,
+        default=angles("0:85:5"),
+        metavar="LO:HI:STEP",
+        help="angles of incidence, or a list with commas (0:85:5)",
+    )
+    parser.add_argument(
+        "--theta-r",
+        type=grid,
+        default=[],
+        metavar="LO:HI:STEP",
+        help="of every scan (as the sample has been scanned so far)",
+    )
+    parser.add_argument(
+        "--polarization",
+        type=words,
+        default=["s", "p", "u"],
+        metavar="s,p,u",
+        help="polarisations (s,p,u)",
+    )
+    parser.add_argument(
+        "--port-deg",
+        type=float,
+        default=5.0,
+        metavar="DEG",
+        help="half angle of the specular port of a DDR (5)",
+    )
+
+
+_COSTS = (
+    ("scan_minutes", "MIN", 5.0, "set-up of a scan"),
+    ("dwell_seconds", "S", 5.0, "each reading of a scan, with the move to its angle"),
+    ("dhr_minutes", "MIN", 3.0, "a DHR reading"),
+    ("ddr_minutes", "MIN", 3.0, "a DDR reading"),
+)
+
+
+def _add_costs(parser: argparse.ArgumentParser) -> None:
+    for name, unit, default, what in _COSTS:
+        parser.add_argument(
+            f"--{name.replace('_', '-')}",
+            type=_positive,
+            default=default,
+            metavar=unit,
+            help=f"cost of {what} ({default:g})",
+        )
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not 0.0 < value < float("inf"):
+        msg = f"{text!r}: give a number above 0"
+        raise argparse.ArgumentTypeError(msg)
+    return value
+
+
+def _names(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]
+
+
+def _design(options: argparse.Namespace) -> int:
+    if (options.folder is None) == (options.config is None):
+        msg = "give a run folder, or --config TOML to design from its priors; not both"
+        raise ConfigError(msg)
+    from pbrdf_bayes.candidates_csv import Wanted, parse_kinds
+    from pbrdf_bayes.design.candidates import Costs
+    from pbrdf_bayes.design_files import DesignRequest, run_design
+    from pbrdf_bayes.io.config_toml import read_config
+    from pbrdf_bayes.next_measurement import choices_of
+    from pbrdf_bayes.terminal import counter
+
+    kinds, csv = parse_kinds(options.candidates)
+    wanted = Wanted(
+        kinds=kinds, csv=csv, theta_i_deg=tuple(options.theta_i),
+        theta_r_deg=tuple(options.theta_r), polarizations=tuple(options.polarization),
+        port_deg=options.port_deg,
+        costs=Costs(**{name: getattr(options, name) for name, *_ in _COSTS}),
+    )  # fmt: skip
+    choices = choices_of(
+        minutes=options.minutes, batch=options.batch, draws=options.draws, seed=options.seed
+    )
+    request = DesignRequest(
+        folder=options.folder, config=read_config(options.config, {}), wanted=wanted,
+        goals=options.goal, about=options.about, choices=choices, out=options.out,
+    )  # fmt: skip
+    design = run_design(request, counter(quiet=options.quiet, interrupted=interrupted.is_set))
+    if options.json:
+        print(json.dumps(design, indent=1, ensure_ascii=False))
+        return DONE
+    print(design["recommendation"], "", best_table(design), sep="\n")
+    out = options.out or options.folder
+    if out is not None:
+        print("", out / "design.html", sep="\n")
+    return DONE
+
+
+def best_table(design: dict[str, Any]) -> str:
+    """The ten best candidates as lines of text."""
+    rows = [row for row in design["candidates"] if row["eig_nats"] is not None][:_BEST_SHOWN]
+    names = list(design["sd_before"])
+    head = ["", "min", "nat", "+-", "nat/min", "best", *(f"sd {name}" for name in names)]
+    cells = [head, *([
+        row["label"], f"{row['minutes']:.3g}", f"{row['eig_nats']:.3f}", f"{row['eig_se']:.3f}",
+        f"{row['eig_per_minute']:.4f}", f"{100.0 * row['p_best']:.0f} %",
+        *(_percent(row["sd_ratio"][name]["ratio"]) for name in names),
+    ] for row in rows)]  # fmt: skip
+    widths = [max(len(line[i]) for line in cells) for i in range(len(head))]
+    return "\n".join(
+        "  ".join([line[0].ljust(widths[0]),
+                   *(c.rjust(w) for c, w in zip(line[1:], widths[1:], strict=True))]).rstrip()
+        for line in cells
+    )  # fmt: skip
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100.0 * share:.0f} %"

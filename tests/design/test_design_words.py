@@ -1,0 +1,179 @@
+"""The recommendation in words for every case, from plain values made by hand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pbrdf_bayes.design.ranking import span_of_angles
+from pbrdf_bayes.design.words import recommend
+
+RUN = {
+    "sample": "a", "wavelength_um": 3.39, "created_utc": "x", "verdict": "PASS", "seed": 1,
+    "applicability": "applies",
+}  # fmt: skip
+
+
+def row(
+    label: str, theta_i: float, eig: float, minutes: float = 18.0, **other: Any
+) -> dict[str, Any]:
+    quantity = "brdf" if "scan" in label else label[:3].lower()
+    found = {
+        "label": f"{label} at {theta_i:g}°", "quantity": quantity, "polarization": "p",
+        "theta_i_deg": theta_i, "port_deg": None, "minutes": minutes, "eig_nats": eig,
+        "eig_se": 0.01, "eig_low": eig - 0.01, "eig_high": eig + 0.01,
+        "eig_per_minute": eig / minutes, "tied": False, "tied_per_minute": False, "repeat": False,
+        "sd_ratio": {"n": {"ratio": 0.8, "se": 0.0}, "k": {"ratio": 0.63, "se": 0.0}},
+    }  # fmt: skip
+    return found | other
+
+
+def design(*rows: dict[str, Any], **other: Any) -> dict[str, Any]:
+    batch = {
+        "members": [],
+        "eig_nats": 0.0,
+        "eig_se": 0.0,
+        "eig_low": 0.0,
+        "eig_high": 0.0,
+        "minutes": 0.0,
+        "budget_minutes": None,
+    }
+    found = {
+        "run": RUN,
+        "about": ["n", "k"],
+        "candidates": list(rows),
+        "batch": batch,
+        "pairs": None,
+    }
+    return found | other
+
+
+BEST = row("p scan", 55.0, 0.64, tied=True, tied_per_minute=True)
+
+
+def test_one_that_is_far_ahead() -> None:
+    said = recommend(design(BEST, row("p scan", 50.0, 0.31)))
+    assert said[0] == (
+        "Take the p scan at 55° next (18 min): +0.64 ± 0.01 nat about n and k. It is expected to "
+        "bring the standard deviation of k to 63 % of what it is now."
+    )
+    assert "the next best, the p scan at 50°, gives 48 % of it" in said[1]
+    assert "Nothing else comes close" in said[1]
+    assert "also the best for each minute" in said[1]
+    assert said[-1] == "1 nat is a factor of 2.7 in the volume of what is plausible."
+
+
+def test_one_that_is_a_little_ahead_is_not_said_to_be_far() -> None:
+    said = " ".join(recommend(design(BEST, row("p scan", 50.0, 0.58))))
+    assert "gives 91 % of it" in said
+    assert "comes close" not in said
+
+
+def test_goals_are_told() -> None:
+    ratios = BEST["sd_ratio"] | {"DHR_s(70°)": {"ratio": 0.4, "se": 0.0}}
+    said = recommend(design(BEST | {"sd_ratio": ratios}))[0]
+    assert "of k to 63 % and of DHR_s(70°) to 40 %" in said
+
+
+def test_ties_are_told_as_ranges_of_neighbouring_angles() -> None:
+    tied = [row("p scan", a, 0.63, tied=True) for a in (60.0, 65.0, 70.0, 85.0)]
+    dhr = row("DHR_p", 75.0, 0.62, tied=True)
+    others = [row("p scan", a, 0.1) for a in (75.0, 80.0)]
+    said = " ".join(recommend(design(BEST, *tied, dhr, *others)))
+    assert (
+        "Not told apart from it by the calculation: p scan at 60 to 70° and 85°; DHR_p at 75°."
+        in said
+    )
+
+
+def test_another_one_is_better_for_each_minute() -> None:
+    best = BEST | {"tied_per_minute": False}
+    cheap = row("DHR_p", 75.0, 0.45, minutes=3.0, tied_per_minute=True)
+    said = " ".join(recommend(design(best, cheap)))
+    assert (
+        "For each minute the DHR_p at 75° is best: 70 % of that gain in 17 % of the time (3 min)."
+        in said
+    )
+
+
+def test_nothing_is_worth_measuring() -> None:
+    weak = row("p scan", 55.0, 0.02)
+    said = recommend(design(weak, row("p scan", 50.0, 0.01)))
+    assert said == [
+        (
+            "No candidate tells much more about n and k: the largest gain is +0.02 ± 0.01 nat "
+            "(p scan at 55°, 18 min)."
+        )
+    ]
+    uncertain = row("p scan", 55.0, 0.3, eig_se=0.2)
+    assert recommend(design(uncertain))[0].startswith("No candidate tells much more")
+
+
+def test_a_fit_that_failed_is_told_first() -> None:
+    said = recommend(design(BEST, run=RUN | {"verdict": "FAIL"}))
+    assert said[0].startswith("The model does not describe this sample (verdict of the fit: FAIL)")
+    assert "not constants of the material" in said[0]
+    said = recommend(design(BEST, run=RUN | {"applicability": "does not apply"}))
+    assert "not constants of the material" in said[0]
+
+
+def test_before_any_reading() -> None:
+    said = recommend(design(BEST, run=None))
+    assert said[0].startswith("Before any reading, from the priors alone: take the p scan at 55°")
+
+
+def test_a_wide_bracket_is_told_instead_of_the_middle() -> None:
+    said = recommend(design(row("p scan", 55.0, 5.0, eig_low=4.6, eig_high=5.4)))[0]
+    assert "between +4.60 and +5.40 nat about n and k; more draws would narrow that" in said
+
+
+def test_where_few_draws_remain_no_standard_deviation_is_told() -> None:
+    nothing = {"n": {"ratio": None, "se": None}, "k": {"ratio": None, "se": None}}
+    said = recommend(design(row("p scan", 55.0, 9.0, eig_low=5.0, eig_high=13.0, sd_ratio=nothing)))
+    assert "between +5.00 and +13.0 nat" in said[0]
+    assert "few of the draws remain plausible" in said[0]
+    assert "%" not in said[0]
+
+
+def test_a_repeat_is_told() -> None:
+    assert "repeats a geometry" in recommend(design(BEST | {"repeat": True}))[0]
+
+
+def test_the_batch_is_told_with_its_budget() -> None:
+    batch = {
+        "members": [BEST, row("p scan", 50.0, 0.3)], "eig_nats": 0.91, "eig_se": 0.02, "eig_low": 0.9, "eig_high": 0.92,
+        "minutes": 36.0, "budget_minutes": 60.0,
+    }  # fmt: skip
+    said = recommend(design(BEST, batch=batch))
+    assert (
+        "With 60 min: p scan at 55°, then p scan at 50°: together +0.91 ± 0.02 nat in 36 min."
+        in said
+    )
+    short = batch | {
+        "members": [row("DHR_p", 75.0, 0.1, 3.0)],
+        "budget_minutes": 5.0,
+        "minutes": 3.0,
+    }
+    said = " ".join(recommend(design(BEST, batch=short)))
+    assert "With 5 min: DHR_p at 75°: +0.91 ± 0.02 nat in 3 min." in said
+    assert "The p scan at 55° takes longer than that." in said
+
+
+def test_a_pair_that_beats_the_greedy_one_is_told() -> None:
+    members = {"members": [BEST, row("DHR_p", 75.0, 0.3)]}
+    pairs = {"best": members, "greedy": members, "gap_nats": 0.2, "gap_se": 0.02, "n_compared": 150}
+    said = " ".join(recommend(design(BEST, pairs=pairs)))
+    assert "Of 150 pairs compared p scan at 55° with DHR_p at 75° tells most: 0.20 nat" in said
+    assert "pairs" not in " ".join(recommend(design(BEST, pairs=pairs | {"gap_nats": 0.03})))
+
+
+def test_the_only_candidate() -> None:
+    assert "It is the only candidate." in " ".join(recommend(design(BEST)))
+
+
+def test_candidates_that_were_only_screened_do_not_count() -> None:
+    screened = {"label": "p scan at 10°", "eig_nats": None}
+    assert "only candidate" in " ".join(recommend(design(BEST, screened)))
+
+
+def test_angles_that_are_no_neighbours_are_no_range() -> None:
+    assert span_of_angles([0.0, 85.0], range(0, 90, 5)) == "0° and 85°"
