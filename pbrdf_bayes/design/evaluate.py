@@ -44,6 +44,8 @@ from pbrdf_bayes.errors import ConfigError
 Array = NDArray[np.float64]
 
 N_LINEAR = 24
+_NUISANCE_OF_PRIOR = 64
+"""Noises that only have a prior span decades: some draws must be like the one that was true."""
 _STREAMS = {"outer": 30, "nuisance": 31, "hemispherical": 32}
 
 
@@ -56,6 +58,8 @@ class Stage:
     beliefs : Beliefs
     outer, inner : DrawnSets
         Sets that readings are simulated from, and others that they are compared with.
+    inner_weights : ndarray, shape (n_inner,), or None
+        How often the inner sets were drawn, normalised; None where none was drawn twice.
     nuisance : Nuisance or None
         Other nuisance for every outer set; None where nothing is nuisance.
     linear : DrawnSets
@@ -69,6 +73,7 @@ class Stage:
     beliefs: Beliefs
     outer: DrawnSets
     inner: DrawnSets
+    inner_weights: Array | None
     nuisance: Nuisance | None
     linear: DrawnSets
     moved: Array
@@ -97,26 +102,40 @@ class Stage:
 def set_stage(beliefs: Beliefs, *, n_outer: int, n_inner: int, n_nuisance: int, seed: int) -> Stage:
     """Draw the sets that all candidates are put to.
 
+    Importance sampling and rejected steps give the same draw several times. A draw compared with
+    itself would look like knowledge: the outer and the inner sets have none in common, and the
+    inner ones carry the number of times they were drawn as their weights.
+
     Raises
     ------
     ConfigError
-        When there are fewer than n_outer + n_inner draws.
+        When there are fewer than a quarter of n_outer + n_inner distinct draws.
     """
-    needed = n_outer + n_inner
-    if len(beliefs.x) < needed:
+    distinct, counts = np.unique(beliefs.x, axis=0, return_counts=True)
+    wanted, there = n_outer + n_inner, len(distinct)
+    if 4 * there < wanted:
         msg = (
-            f"the run has {len(beliefs.x)} draws, and the design asks for {needed}: fit again with "
+            f"the run has {there} distinct draws, and the design asks for {wanted}: fit again with "
             "a higher --accuracy"
         )
         raise ConfigError(msg)
-    order = np.random.default_rng([seed, _STREAMS["outer"]]).permutation(len(beliefs.x))[:needed]
+    n_pool = min(n_outer, there * n_outer // wanted)
+    rng = np.random.default_rng([seed, _STREAMS["outer"]])
+    order = rng.permutation(there)[: min(wanted, there)]
+    pool, other = order[:n_pool], order[n_pool:]
+    if (counts[pool] > 1).any() or n_pool < n_outer:
+        pool = rng.choice(pool, n_outer, p=counts[pool] / counts[pool].sum())
+    inner_weights = None
+    if (counts[other] > 1).any():
+        inner_weights = counts[other] / counts[other].sum()
     rng = np.random.default_rng([seed, _STREAMS["nuisance"]])
-    sets = draw_sets(beliefs, np.ascontiguousarray(beliefs.x[order]), rng)
-    outer, inner = sets.take(slice(0, n_outer)), sets.take(slice(n_outer, needed))
-    linear = inner.take(slice(0, N_LINEAR))
+    outer = draw_sets(beliefs, np.ascontiguousarray(distinct[pool]), rng)
+    inner = draw_sets(beliefs, np.ascontiguousarray(distinct[other]), rng)
+    linear = outer.take(slice(0, N_LINEAR))
     moved, steps = moved_sets(beliefs, linear.x)
-    nuisance = draw_nuisance(beliefs, outer.x, n_nuisance, rng)
-    return Stage(beliefs, outer, inner, nuisance, linear, moved, steps, seed)
+    n = n_nuisance if beliefs.measured else max(n_nuisance, _NUISANCE_OF_PRIOR)
+    nuisance = draw_nuisance(beliefs, outer.x, n, rng)
+    return Stage(beliefs, outer, inner, inner_weights, nuisance, linear, moved, steps, seed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +229,7 @@ def evaluate(
         table = hemispherical_table(stage, [reading])
     gain = expected_gain(table, keep_weights=True)
     assert gain.weights is not None
-    ratio, se = expected_sd_ratio(gain.weights, own, inner)
+    ratio, se = expected_sd_ratio(gain.weights, own, inner, stage.inner_weights)
     kept = replace(table, inner=table.inner.astype(np.float32)) if keep else None
     gain = replace(gain, weights=None)
     return Evaluated(candidate, gain, ratio, se, kept, reading if keep else None)
@@ -233,6 +252,7 @@ def _scan_table(stage: Stage, candidate: Candidate) -> PairTable:
         inner=scan_log_likelihoods(b, planned, y, _law(stage, planned, stage.inner), matched=False),
         nuisance=nuisance,
         log_weights=None if stage.nuisance is None else stage.nuisance.log_weights,
+        inner_weights=stage.inner_weights,
     )
 
 
@@ -287,7 +307,7 @@ def hemispherical_table(stage: Stage, readings: Sequence[Hemispherical]) -> Pair
     others = hemispherical_log_likelihoods(
         y, [r.inner for r in readings], inner, stage.inner, matched=False
     )
-    return PairTable(own[:, 0], others, nuisance, log_weights)
+    return PairTable(own[:, 0], others, nuisance, log_weights, stage.inner_weights)
 
 
 def _empty_table(stage: Stage) -> PairTable:

@@ -45,19 +45,25 @@ class PairTable:
         Under the same parameters of interest with other nuisance; None without nuisance.
     log_weights : ndarray, shape (n_outer, n_nuisance), or None
         Of these, normalised for each outer draw.
+    inner_weights : ndarray, shape (n_inner,), or None
+        Normalised weights of the inner draws; None where they are all alike.
     """
 
     own: Array
     inner: Array
     nuisance: Array | None = None
     log_weights: Array | None = None
+    inner_weights: Array | None = None
 
     def __add__(self, other: PairTable) -> PairTable:
         """Of both measurements together: given all parameters they are independent."""
         nuisance = None
         if self.nuisance is not None and other.nuisance is not None:
             nuisance = self.nuisance + other.nuisance
-        return PairTable(self.own + other.own, self.inner + other.inner, nuisance, self.log_weights)
+        return PairTable(
+            self.own + other.own, self.inner + other.inner, nuisance, self.log_weights,
+            self.inner_weights,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +107,8 @@ def expected_gain(table: PairTable, *, keep_weights: bool = False) -> Gain:
     >>> abs(gain.low) < 1e-12, abs(gain.high) < 1e-12, round(gain.ess, 6)
     (True, True, 6.0)
     """
-    low, high, weights = information_terms(table.own, table.inner)
+    of_inner = None if table.inner_weights is None else np.log(table.inner_weights)
+    low, high, weights = information_terms(table.own, table.inner, of_inner)
     if table.nuisance is not None:
         least, most, _ = information_terms(table.own, table.nuisance, table.log_weights)
         low, high = low - most, high - least
@@ -128,7 +135,7 @@ def information_terms(
         Log-density under the draw that the reading came from.
     others : ndarray, shape (n_outer, n)
         Under other draws of the same law.
-    log_weights : ndarray, shape (n_outer, n), optional
+    log_weights : ndarray, shape (n_outer, n) or (n,), optional
         Normalised weights of these where they are not all alike.
 
     Returns
@@ -163,7 +170,9 @@ def information_terms(
     return low, high, weights
 
 
-def expected_sd_ratio(weights: Array, own: Array, inner: Array) -> tuple[Array, Array]:
+def expected_sd_ratio(
+    weights: Array, own: Array, inner: Array, inner_weights: Array | None = None
+) -> tuple[Array, Array]:
     """Standard deviation of quantities after the measurement over that before it.
 
     Parameters
@@ -172,13 +181,18 @@ def expected_sd_ratio(weights: Array, own: Array, inner: Array) -> tuple[Array, 
         Of the own and the inner draws after each simulated reading.
     own, inner : ndarray, shapes (n_outer, n_quantities) and (n_inner, n_quantities)
         The quantities at the draws.
+    inner_weights : ndarray, shape (n_inner,), optional
+        As in `PairTable`.
 
     Returns
     -------
     tuple of ndarray, each of shape (n_quantities,)
         Ratio of the root mean variance after to that before, and its standard error.
     """
-    centre, scale = inner.mean(axis=0), inner.std(axis=0, ddof=1)
+    centre = np.average(inner, axis=0, weights=inner_weights)
+    spread = np.average((inner - centre) ** 2, axis=0, weights=inner_weights)
+    alike = len(inner) if inner_weights is None else 1.0 / np.sum(inner_weights**2)
+    scale = np.sqrt(spread / (1.0 - 1.0 / alike))
     scale = np.where(scale > 0.0, scale, 1.0)
     a, b = (own - centre) / scale, (inner - centre) / scale
     w0, w = weights[:, :1], weights[:, 1:]
