@@ -9,8 +9,10 @@ information gain. Entropies are those of t mixtures fitted to the draws, before 
 
 from __future__ import annotations
 
+import json
+import sys
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -159,7 +161,10 @@ def _columns(m: Measurement) -> dict[str, Any]:
 def realised_drops(
     beliefs: Beliefs, candidates: Sequence[Candidate], *, n: int, seed: int
 ) -> Array:
-    """Drop of the entropy by measuring and fitting again, for n truths, shape (n,) [nat]."""
+    """Drop of the entropy by measuring and fitting again, for n truths, shape (n,) [nat].
+
+    Truths follow from the seed: the same ones for every candidate would share their luck.
+    """
     before = entropy(beliefs, seed=seed)
     truths = beliefs.x[np.random.default_rng([seed, 53]).choice(len(beliefs.x), n, replace=False)]
     drops = []
@@ -169,13 +174,30 @@ def realised_drops(
     return np.array(drops)
 
 
-def compare(paint: str, *, n: int, seed: int) -> list[dict[str, Any]]:
-    """Promised and realised information of the candidates for one paint."""
+def compare(
+    paint: str, *, n: int, seed: int, candidates: Sequence[Candidate] = CANDIDATES
+) -> list[dict[str, Any]]:
+    """Promised and realised information of candidates for one paint.
+
+    Parameters
+    ----------
+    paint : str
+        One of `PAINTS`.
+    n : int
+        Truths for each candidate.
+    seed : int
+    candidates : sequence of Candidate
+
+    Returns
+    -------
+    list of dict
+        ``eig``, ``se``, ``low``, ``high`` as promised, ``realised`` and ``realised_se`` [nat].
+    """
     beliefs = fitted(first_measurement(paint, seed=seed), seed=seed)
-    promised = design_measurements(beliefs, CANDIDATES, choices=_choices(seed))
-    rows = []
+    promised = design_measurements(beliefs, candidates, choices=_choices(seed))
+    rows: list[dict[str, Any]] = []
     for e in promised.evaluated:
-        drops = realised_drops(beliefs, [e.candidate], n=n, seed=seed)
+        drops = realised_drops(beliefs, [e.candidate], n=n, seed=seed + 100 * (len(rows) + 1))
         rows.append({
             "paint": paint, "candidate": e.candidate.label, "eig": e.gain.eig, "se": e.gain.se,
             "low": e.gain.low, "high": e.gain.high, "realised": float(drops.mean()),
@@ -216,3 +238,32 @@ def compare_grids(paint: str, *, n: int, seed: int) -> list[dict[str, Any]]:
             "promised": chosen.batch.eig if name == "chosen" else None,
         })  # fmt: skip
     return rows
+
+
+def run_loop(
+    *, n: int = 16, seed: int = 3, told: Callable[[str], None] = lambda _: None
+) -> dict[str, list[dict[str, Any]]]:
+    """Both studies over all paints: candidates one by one, and grids of three scans."""
+    found: dict[str, list[dict[str, Any]]] = {"candidates": [], "grids": []}
+    for paint in PAINTS:
+        told(f"{paint}: candidates")
+        found["candidates"] += compare(paint, n=n, seed=seed)
+        told(f"{paint}: grids")
+        found["grids"] += compare_grids(paint, n=n, seed=seed)
+    return found
+
+
+def main() -> int:
+    """``python -m pbrdf_bayes.validation.design_loop``: both studies as JSON, half an hour."""
+    found = run_loop(told=lambda line: _write(sys.stderr, line))
+    _write(sys.stdout, json.dumps(found, indent=1, ensure_ascii=False))
+    return 0
+
+
+def _write(stream: TextIO, line: str) -> None:
+    stream.write(line + "\n")
+    stream.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
