@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -17,6 +17,7 @@ from pbrdf_bayes.design.candidates import Candidate, was_measured
 from pbrdf_bayes.design.evaluate import Evaluated, Stage, evaluate, linear_gains, set_stage
 from pbrdf_bayes.design.goals import Goal, goal_values
 from pbrdf_bayes.design.ranking import Ranking, rank
+from pbrdf_bayes.design.refine import refined_gain, with_refined
 from pbrdf_bayes.errors import ConfigError
 
 Array = NDArray[np.float64]
@@ -25,6 +26,9 @@ Result = TypeVar("Result")
 
 _MOST_EVALUATED = 240
 _KEPT = 24
+_WIDE = 0.3
+"""Bracket [nat] beyond which a candidate needs inner draws of its own."""
+_MOST_REFINED, _READINGS_REFINED, _INNER_REFINED = 16, 40, 400
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +78,7 @@ class DesignResult:
     Attributes
     ----------
     evaluated : tuple of Evaluated
-        Candidates of tier 1, in the order given.
+        Candidates of tier 1, or 2 where the bracket of tier 1 is wide, in the order given.
     linear, linear_se : ndarray, shape (n_candidates,)
         Tier 0 of all candidates that were given [nat].
     candidates : tuple of Candidate
@@ -157,12 +161,14 @@ def design_measurements(
             lambda i: evaluate(stage, candidates[i], own, inner, keep=i in kept),
             chosen.tolist(), wanted.threads, told, "simulating",
         ))  # fmt: skip
+        chosen, evaluated = _refined(stage, chosen, evaluated, level, minutes, wanted, told)
         told("combining", 0, 1)
         with_tables = [e for e in evaluated if e.table is not None]
         batch = greedy_batch(stage, with_tables, minutes=wanted.minutes, most=wanted.batch)
         pairs = best_pair(stage, with_tables, minutes=wanted.minutes) if wanted.batch > 1 else None
         told("combining", 1, 1)
-    terms = np.array([e.gain.terms for e in evaluated])
+    n_terms = min(e.gain.terms.size for e in evaluated)
+    terms = np.array([e.gain.terms[:n_terms] for e in evaluated])
     measurement = beliefs.posterior.measurement
     return DesignResult(
         evaluated=evaluated,
@@ -182,6 +188,35 @@ def design_measurements(
         about=beliefs.about,
         choices=wanted,
     )  # fmt: skip
+
+
+def _refined(
+    stage: Stage, chosen: NDArray[np.int64], evaluated: tuple[Evaluated, ...], level: Array,
+    minutes: Array, wanted: DesignChoices, told: Callable[[str, int, int], None],
+) -> tuple[NDArray[np.int64], tuple[Evaluated, ...]]:  # fmt: skip
+    """Tier 2 for the most promising candidates whose bracket is wide; the others of these go.
+
+    What is left of them would be ranked by numbers that mean little; tier 0 stays for them.
+    """
+    wide = np.array([e.gain.high - e.gain.low > _WIDE for e in evaluated])
+    if not wide.any():
+        return chosen, evaluated
+    at = np.flatnonzero(wide)
+    best = at[_promising(level[chosen[at]], minutes[chosen[at]], _MOST_REFINED)]
+
+    def refine(i: int) -> Evaluated:
+        done = evaluated[i]
+        finer = refined_gain(
+            stage, done.candidate, n_outer=_READINGS_REFINED, n_inner=_INNER_REFINED
+        )
+        return replace(done, gain=with_refined(done.gain, finer))
+
+    finer = dict(
+        zip(best.tolist(), _each(refine, best.tolist(), wanted.threads, told, "refining"),
+            strict=True)
+    )  # fmt: skip
+    kept = [i for i in range(len(evaluated)) if i in finer or not wide[i]]
+    return chosen[kept], tuple(finer.get(i, evaluated[i]) for i in kept)
 
 
 def _promising(level: Array, minutes: Array, most: int) -> NDArray[np.int64]:

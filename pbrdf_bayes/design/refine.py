@@ -1,0 +1,281 @@
+"""Tier 2: nested Monte Carlo whose inner draws are made for each simulated reading.
+
+Where a reading tells much, next to none of the draws of tier 1 explains it, and the bracket is
+wide. Here p(y) is estimated with draws of a t mixture that adapts to the posterior after y,
+
+    p(y) = E_q[ p(x)/q(x) p(y | x) ],
+
+and p(y | theta) with such draws of the nuisance. Bracket and expectation are those of
+`pbrdf_bayes.design.nested`, with p(x)/q(x) as the share of a draw: the mixture follows from y and
+from draws that have nothing to do with the one that y came from, which is all that is needed.
+
+Source of the adaptation: Cornuet et al., Scand. J. Stat. 39, 798 (2012),
+doi:10.1111/j.1467-9469.2011.00756.x; of Laplace-like inner sampling: Beck et al., Comput. Methods
+Appl. Mech. Eng. 334, 523 (2018), doi:10.1016/j.cma.2018.01.053.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbrdf_bayes.design.beliefs import DrawnSets, draw_sets
+from pbrdf_bayes.design.candidates import Candidate
+from pbrdf_bayes.design.evaluate import Stage, bright_readings
+from pbrdf_bayes.design.hemispherical import (
+    draw_hemispherical,
+    gain_law,
+    hemispherical_log_likelihoods,
+    hemispherical_values,
+)
+from pbrdf_bayes.design.nested import Gain
+from pbrdf_bayes.design.scans import draw_scans, law_of_rows, plan_scan, scan_log_likelihoods
+from pbrdf_bayes.inference.mixture import Mixture, fit_mixture
+
+Array = NDArray[np.float64]
+Density = Callable[[Array], tuple[Array, Array]]
+"""Log-density of the law before the reading, but for a constant, and log-likelihood, at z."""
+
+_MOST_ROUNDS, _KEPT_ROUNDS, _ROUND_SIZE = 60, 4, 300
+_GOOD_SHARE = 0.3
+_COMPONENTS = 3
+_WIDENING, _LAST_WIDENING = 1.3, 1.1
+_FEWEST = 12.0
+"""Effective draws for each dimension that a fit of the mixture needs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """One simulated reading: its likelihood under any sets, and under the one it came from."""
+
+    log_likelihood: Callable[[DrawnSets], Array]
+    own: float
+
+
+def simulate_readings(stage: Stage, candidate: Candidate, n: int) -> list[Reading]:
+    """Readings of the first outer sets, those of tier 1."""
+    b, outer = stage.beliefs, stage.outer.take(slice(0, n))
+    if candidate.quantity != "brdf":
+        return _hemispherical(stage, candidate, outer)
+    planned = plan_scan(b, candidate, bright_readings(stage, candidate))
+
+    def likelihood(y: Array) -> Callable[[DrawnSets], Array]:
+        def under(sets: DrawnSets) -> Array:
+            brdf, _ = b.posterior.predict(sets.x, planned.geometry)
+            law = law_of_rows(b, planned, sets, brdf)
+            return np.asarray(scan_log_likelihoods(b, planned, y, law, matched=False)[0])
+
+        return under
+
+    law = law_of_rows(b, planned, outer, b.posterior.predict(outer.x, planned.geometry)[0])
+    y = draw_scans(b, planned, law, seed=stage.seed)
+    own = scan_log_likelihoods(b, planned, y, law, matched=True)[:, 0]
+    columns = [np.ascontiguousarray(y[:, i : i + 1]) for i in range(n)]
+    return [Reading(likelihood(c), float(v)) for c, v in zip(columns, own, strict=True)]
+
+
+def _hemispherical(stage: Stage, candidate: Candidate, outer: DrawnSets) -> list[Reading]:
+    b, q = stage.beliefs, candidate.polarization
+
+    def under(y: Array, sets: DrawnSets, *, matched: bool) -> Array:
+        value = hemispherical_values(b.posterior, candidate, sets.x)
+        gain = gain_law(b, q, sets)
+        return hemispherical_log_likelihoods([y], [value], gain, sets, matched=matched)
+
+    value = hemispherical_values(b.posterior, candidate, outer.x)
+    y = draw_hemispherical(value, gain_law(b, q, outer), outer, seed=(stage.seed, 33))
+    own = under(y, outer, matched=True)[:, 0]
+
+    def likelihood(reading: Array) -> Callable[[DrawnSets], Array]:
+        return lambda sets: under(reading, sets, matched=False)[0]
+
+    return [Reading(likelihood(y[i : i + 1]), float(own[i])) for i in range(len(outer))]
+
+
+def refined_gain(stage: Stage, candidate: Candidate, *, n_outer: int, n_inner: int) -> Gain:
+    """Expected information gain by tier 2.
+
+    Parameters
+    ----------
+    stage : Stage
+    candidate : Candidate
+        A scan with at least one reading above the floor, a DHR or a DDR.
+    n_outer, n_inner : int
+        Simulated readings, and inner draws made for each.
+
+    Returns
+    -------
+    Gain
+        ``ess`` is the median effective number of the inner draws.
+    """
+    b = stage.beliefs
+    n = min(n_outer, len(stage.outer))
+    rng = np.random.default_rng([stage.seed, 60])
+    z_outer = b.posterior.to_coordinates(stage.outer.x[:n])
+    z_inner = b.posterior.to_coordinates(stage.inner.x)
+    about = b.columns_about
+    other = np.setdiff1d(np.arange(z_inner.shape[1]), about)
+    level = _log_norm(lambda z: _density(stage, z), z_inner, rng) if b.measured else 0.0
+    lows, highs, effective = [], [], []
+    for i, reading in enumerate(simulate_readings(stage, candidate, n)):
+
+        def of_all(z: Array, reading: Reading = reading) -> tuple[Array, Array]:
+            return _evaluate(stage, reading, z)
+
+        found = _terms(of_all, z_inner, z_outer[i], reading.own, level, n_inner, rng)
+        low, high = found[0], found[1]
+        effective.append(found[2])
+        if other.size:
+
+            def of_nuisance(
+                e: Array, reading: Reading = reading, z: Array = z_outer[i]
+            ) -> tuple[Array, Array]:
+                return _evaluate(stage, reading, _with(z, other, e))
+
+            def density(e: Array, z: Array = z_outer[i]) -> Array:
+                return _density(stage, _with(z, other, e))
+
+            near = _near(z_inner, z_outer[i], about, other)
+            norm = _log_norm(density, near, rng)
+            least, most, _ = _terms(
+                of_nuisance, near, z_outer[i][other], reading.own, norm, n_inner, rng
+            )
+            low, high = low - most, high - least
+        lows.append(low)
+        highs.append(high)
+    low_terms, high_terms = np.array(lows), np.array(highs)
+    terms = 0.5 * (low_terms + high_terms)
+    return Gain(
+        eig=float(terms.mean()), se=float(terms.std(ddof=1) / np.sqrt(n)),
+        low=float(low_terms.mean()), high=float(high_terms.mean()),
+        ess=float(np.median(effective)), terms=terms,
+    )  # fmt: skip
+
+
+def _with(z: Array, other: NDArray[np.int64], nuisance: Array) -> Array:
+    """Sets with the given parameters of interest and any nuisance."""
+    full = np.repeat(z[None, :], len(nuisance), axis=0)
+    full[:, other] = nuisance
+    return full
+
+
+def _near(z: Array, centre: Array, about: NDArray[np.int64], other: NDArray[np.int64]) -> Array:
+    """Nuisance of the draws, moved to where the parameters of interest are, by regression."""
+    s = np.cov(z, rowvar=False)
+    slope = np.linalg.solve(s[np.ix_(about, about)], s[np.ix_(about, other)])
+    return np.asarray(z[:, other] + (centre[about] - z[:, about]) @ slope)
+
+
+def _density(stage: Stage, z: Array) -> Array:
+    return stage.beliefs.log_density(stage.beliefs.posterior.from_coordinates(z))
+
+
+def _evaluate(stage: Stage, reading: Reading, z: Array) -> tuple[Array, Array]:
+    """Log-density and log-likelihood at z; -inf and 0 where the prior has nothing."""
+    x = stage.beliefs.posterior.from_coordinates(z)
+    density = stage.beliefs.log_density(x)
+    likelihood = np.zeros(len(z))
+    inside = np.isfinite(density)
+    if inside.any():
+        sets = draw_sets(stage.beliefs, x[inside], np.random.default_rng([stage.seed, 61]))
+        likelihood[inside] = reading.log_likelihood(sets)
+    return density, likelihood
+
+
+def _terms(
+    of: Density, start: Array, own: Array, own_likelihood: float, level: float, n: int,
+    rng: np.random.Generator,
+) -> tuple[float, float, float]:  # fmt: skip
+    """Contrastive and nested estimate of ln p(y | own) - ln p(y), and the effective draws."""
+    mixture = _adapted(of, start, rng)
+    z = mixture.sample(rng, n)
+    density, likelihood = of(z)
+    share = density - level - mixture.log_density(z)
+    at_own = of(own[None])[0][0] - level - mixture.log_density(own[None])[0]
+    log_p = np.append(likelihood, own_likelihood)
+    joint = np.append(share + likelihood, at_own + own_likelihood)
+    total = np.logaddexp.reduce(joint)
+    weights = np.exp(joint - total)
+    mean = float(np.sum(weights * log_p))
+    rest = total + np.log1p(-np.minimum(weights, 0.5))
+    heavy = int(np.argmax(weights))
+    if weights[heavy] > 0.5:
+        rest[heavy] = np.logaddexp.reduce(np.delete(joint, heavy))
+    low = mean - float(total - np.log(n + 1.0))
+    high = mean - float(np.sum(np.where(weights > 0.0, weights * (rest - np.log(n)), 0.0)))
+    return low, high, float(1.0 / np.sum(weights**2))
+
+
+def _adapted(of: Density, start: Array, rng: np.random.Generator) -> Mixture:
+    """A t mixture like the law after the reading, from draws of the law before it."""
+    density, likelihood = of(start)
+    usable = np.isfinite(density)
+    points, log_weights = start[usable], likelihood[usable]
+    proposals = [_fitted(points, log_weights, 1, rng)]
+    drawn: list[Array] = []
+    values: list[Array] = []
+    for _ in range(_MOST_ROUNDS):
+        z = proposals[-1].sample(rng, _ROUND_SIZE)
+        density, likelihood = of(z)
+        drawn = [*drawn, z][-_KEPT_ROUNDS:]
+        values = [*values, density + likelihood][-_KEPT_ROUNDS:]
+        proposals = proposals[-_KEPT_ROUNDS:]
+        every = np.concatenate(drawn)
+        below = np.logaddexp.reduce([q.log_density(every) for q in proposals], axis=0)
+        log_weights = np.concatenate(values) - below
+        inside = np.isfinite(log_weights)
+        if not inside.any():
+            return proposals[-1]
+        last = log_weights[-_ROUND_SIZE:]
+        if _effective(last[np.isfinite(last)]) > _GOOD_SHARE * _ROUND_SIZE:
+            break
+        proposals.append(_fitted(every[inside], log_weights[inside], 1, rng))
+    fitted = _fitted(every[inside], log_weights[inside], _COMPONENTS, rng)
+    return fitted.widened(_LAST_WIDENING)
+
+
+def _effective(log_weights: Array) -> float:
+    if not log_weights.size:
+        return 0.0
+    weights = np.exp(log_weights - log_weights.max())
+    return float(weights.sum() ** 2 / np.sum(weights**2))
+
+
+def _fitted(
+    points: Array, log_weights: Array, n_components: int, rng: np.random.Generator
+) -> Mixture:
+    """Mixture fitted with the largest power of the weights that leaves enough effective points."""
+    needed = min(_FEWEST * points.shape[1], 0.5 * len(points))
+    power = 1.0
+    while True:
+        weights = np.exp(power * (log_weights - log_weights.max()))
+        weights /= weights.sum()
+        if power < 1e-4 or 1.0 / np.sum(weights**2) >= needed:
+            break
+        power *= 0.7
+    if n_components > 1 and power == 1.0:
+        return fit_mixture(points, weights, n_components, rng)
+    centre = weights @ points
+    away = points - centre
+    covariance = (weights[:, None] * away).T @ away
+    covariance[np.diag_indices_from(covariance)] *= 1.0 + 1e-6
+    covariance[np.diag_indices_from(covariance)] += 1e-14
+    factor = _WIDENING * np.linalg.cholesky(covariance)
+    return Mixture(centre[None], factor[None], np.ones(1))
+
+
+def _log_norm(density: Callable[[Array], Array], start: Array, rng: np.random.Generator) -> float:
+    """Natural log of the integral of a density whose draws are about ``start``."""
+    mixture = _fitted(start, np.zeros(len(start)), _COMPONENTS, rng)
+    z = mixture.sample(rng, 8 * _ROUND_SIZE)
+    return float(np.logaddexp.reduce(density(z) - mixture.log_density(z)) - np.log(len(z)))
+
+
+def with_refined(gain: Gain, refined: Gain) -> Gain:
+    """The refined gain where its bracket is the narrower one; ``ess`` stays that of tier 1."""
+    if refined.high - refined.low >= gain.high - gain.low:
+        return gain
+    return replace(refined, ess=gain.ess)
