@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pbrdf_bayes.assessment import assess_conformity
     from pbrdf_bayes.batch.run import fit_batch
     from pbrdf_bayes.config import RunConfig
     from pbrdf_bayes.data_checks import check_measurement
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
         RunFolderError,
     )
     from pbrdf_bayes.inference.posterior import Posterior, build_posterior
+    from pbrdf_bayes.io.document_toml import read_document
+    from pbrdf_bayes.io.limits_toml import read_limits
     from pbrdf_bayes.io.run_folder import load_analysis
     from pbrdf_bayes.io.tidy_csv import read_measurement, write_tidy_csv
     from pbrdf_bayes.measurement import Measurement
@@ -64,6 +67,7 @@ _HOME = {
     "RunFolderError": "errors",
     "Scene": "scenes",
     "angle_of_linear_polarization_deg": "polarimetry",
+    "assess_conformity": "assessment",
     "brdf": "model",
     "build_posterior": "inference.posterior",
     "check_measurement": "data_checks",
@@ -76,6 +80,8 @@ _HOME = {
     "mueller": "polarimetry",
     "normalisation_error": "model",
     "predict_scene": "scene_prediction",
+    "read_document": "io.document_toml",
+    "read_limits": "io.limits_toml",
     "read_measurement": "io.tidy_csv",
     "reciprocal_brdf": "reciprocity",
     "reciprocity_defect": "reciprocity",
@@ -106,6 +112,7 @@ __all__ = [
     "Scene",
     "__version__",
     "angle_of_linear_polarization_deg",
+    "assess_conformity",
     "brdf",
     "build_posterior",
     "check_measurement",
@@ -118,6 +125,8 @@ __all__ = [
     "mueller",
     "normalisation_error",
     "predict_scene",
+    "read_document",
+    "read_limits",
     "read_measurement",
     "reciprocal_brdf",
     "reciprocity_defect",

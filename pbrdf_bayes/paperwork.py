@@ -69,26 +69,31 @@ def complete(analysis: Analysis, wanted: Paperwork) -> Analysis:
     return replace(analysis, summary={**analysis.summary, **added}) if added else analysis
 
 
-def amend_folder(folder: Path, wanted: Paperwork) -> Path:
+def amend_folder(folder: Path, wanted: Paperwork, *, brief: bool = False) -> Path:
     """Judge, fill in and make the report again from the run folder; returns its path.
+
+    With ``brief`` the report has one figure alone, and nothing is written where nothing changes.
 
     Raises
     ------
     ConfigError, RunFolderError
     """
     wanted.check()
-    analysis = complete(run_folder.load_analysis(folder), wanted)
-    return store(folder, analysis, pdf=wanted.pdf)
+    found = run_folder.load_analysis(folder)
+    analysis = complete(found, wanted)
+    if brief and run_folder.finite_only(analysis.summary) == found.summary:
+        return folder / run_folder.REPORT
+    return store(folder, analysis, pdf=wanted.pdf, brief=brief)
 
 
-def store(folder: Path, analysis: Analysis, *, pdf: bool = False) -> Path:
+def store(folder: Path, analysis: Analysis, *, pdf: bool = False, brief: bool = False) -> Path:
     """Replace summary and report of a finished run, and print it; returns the last file written.
 
     Raises
     ------
     RunFolderError
     """
-    report = render_report(analysis)
+    report = render_report(analysis, brief=brief)
     with run_folder.locked(folder):
         run_folder.amend_run(folder, analysis.summary, report=report)
         return write_pdf(folder, report) if pdf else folder / run_folder.REPORT

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pbrdf_bayes.arguments import DONE, STRICT_FAIL, add_verb, effects, interrupted, seed
+from pbrdf_bayes.verbs_conform import add_paperwork, paperwork_of
 
 if TYPE_CHECKING:
     from pbrdf_bayes.batch.run import Progress
@@ -17,6 +18,7 @@ _EPILOG = """\
 Every sample of every file gets a run folder in DIR, named after it and a hash of its readings,
 configuration, seed and version, and a row in index.html, index.csv and index.json. A sample that
 cannot be fitted is listed with its error. Reports are in short form; 'report' draws all figures.
+With --limits every sample is judged (see 'conform'); with --resume those that are finished too.
 
 workers on other machines, which must see DIR under the same path:
   dask scheduler
@@ -50,6 +52,7 @@ def add_batch(verbs: Any) -> None:
                         help="go on with the batch in DIR or start it")  # fmt: skip
     parser.add_argument("--strict", action="store_true",
                         help="exit 4 when a sample failed or its verdict is FAIL")  # fmt: skip
+    add_paperwork(parser, pdf=False)
     parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
 
 
@@ -71,10 +74,12 @@ def _batch(options: argparse.Namespace) -> int:
     config = read_config(
         options.config, {"accuracy": options.accuracy, "effects": effects(options.effects)}
     )
+    wanted = paperwork_of(options)
     try:
         result = fit_batch(
             options.csv, config, out=options.out, seed=options.seed, workers=options.workers,
             scheduler=options.scheduler, resume=options.resume,
+            limits=wanted.specification, document=wanted.document,
             told=None if options.quiet else _teller(), interrupted=interrupted.is_set,
         )  # fmt: skip
     except KeyboardInterrupt as stop:
@@ -103,6 +108,7 @@ def progress_lines(progress: Progress) -> list[str]:
     if progress.row is not None:
         row = progress.row
         what = row["verdict"] or f"{row['status']}: {str(row['error']).splitlines()[0]}"
+        what += f", {row['conformity']}" if row["conformity"] else ""
         lines.append(f"{row['sample']!a}: {what[:160]} ({row['seconds']:.1f} s)")
     share = progress.n_done / max(progress.n_samples, 1)
     bar = "#" * int(24 * share) + "." * (24 - int(24 * share))

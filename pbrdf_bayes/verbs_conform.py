@@ -66,15 +66,18 @@ def add_conform(verbs: Any) -> None:
     parser.add_argument("--strict", action="store_true", help="exit 4 unless it is ACCEPT")
 
 
-def add_paperwork(parser: argparse.ArgumentParser, *, limits: bool) -> None:
-    """Options of ``fit`` and ``report``: limits, items of the laboratory, PDF."""
+def add_paperwork(
+    parser: argparse.ArgumentParser, *, limits: bool = True, pdf: bool = True
+) -> None:
+    """Options of ``fit``, ``batch`` and ``report``: limits, items of the laboratory, PDF."""
     if limits:
         parser.add_argument("--limits", type=Path, metavar="TOML",
                             help="specification to judge it against, see conform")  # fmt: skip
     parser.add_argument("--document", type=Path, metavar="TOML",
                         help="items of the report: laboratory, customer, dates, ...")  # fmt: skip
-    parser.add_argument("--pdf", action="store_true",
-                        help="the report as report.pdf too (needs Chromium or Chrome)")  # fmt: skip
+    if pdf:
+        text = "the report as report.pdf too (needs Chromium or Chrome)"
+        parser.add_argument("--pdf", action="store_true", help=text)
 
 
 def paperwork_of(options: argparse.Namespace) -> Any:
@@ -92,7 +95,7 @@ def paperwork_of(options: argparse.Namespace) -> Any:
     wanted = Paperwork(
         specification=None if limits is None else read_limits(limits),
         document=None if options.document is None else read_document(options.document),
-        pdf=options.pdf,
+        pdf=getattr(options, "pdf", False),
     )
     wanted.check()
     return wanted

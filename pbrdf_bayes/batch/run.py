@@ -19,9 +19,12 @@ from pbrdf_bayes.batch.plan import Job, plan_batch
 from pbrdf_bayes.batch.work import Task, finished_before
 from pbrdf_bayes.compile_ahead import compile_ahead, likelihood_to_compile
 from pbrdf_bayes.config import AUTO, RunConfig
+from pbrdf_bayes.document import Document
 from pbrdf_bayes.errors import ConfigError, PbrdfError, RunFolderError
 from pbrdf_bayes.inference.posterior import build_posterior
 from pbrdf_bayes.io.run_folder import locked
+from pbrdf_bayes.paperwork import Paperwork
+from pbrdf_bayes.specification import Specification
 from pbrdf_bayes.workflow import DEFAULT_SEED
 
 _INDEX_EVERY = 5.0
@@ -81,6 +84,8 @@ def fit_batch(
     workers: int = 1,
     scheduler: str | None = None,
     resume: bool = False,
+    limits: Specification | None = None,
+    document: Document | None = None,
     told: Callable[[Progress], None] | None = None,
     interrupted: Callable[[], bool] | None = None,
 ) -> BatchResult:
@@ -102,7 +107,12 @@ def fit_batch(
         the same path.
     resume : bool
         Go on with ``out``: samples finished with the same readings, configuration, seed and version
-        are skipped, interrupted ones go on from their checkpoints.
+        are skipped, interrupted ones go on from their checkpoints. Limits and document are not
+        among these: with them, samples that are finished are judged anew and not fitted again.
+    limits : Specification, optional
+        What every sample is judged against, see `read_limits`.
+    document : Document, optional
+        Items of every report, see `read_document`.
     told : callable, optional
         Told about every sample that is done.
     interrupted : callable, optional
@@ -115,7 +125,8 @@ def fit_batch(
     Raises
     ------
     ConfigError
-        No files, choices that no sample can be fitted with, workers that cannot be had.
+        No files, choices that no sample can be fitted with, workers that cannot be had, limits on
+        what the model does not have or that need a reference.
     RunFolderError
         ``out`` is not empty, in use, or cannot be written.
     """
@@ -125,11 +136,13 @@ def fit_batch(
     if not 1 <= workers <= 1024:
         msg = f"workers = {workers!r} is not allowed: give a whole number from 1 to 1024"
         raise ConfigError(msg)
+    paperwork = Paperwork(limits, document)
+    paperwork.check()
     config = replace(config or RunConfig(), threads=1)
     jobs = plan_batch([Path(file) for file in files], config, seed=seed)
     folder = _folder(out, resume=resume)
     with locked(folder), _crew(workers, scheduler) as crew:
-        batch = _Batch(jobs, folder.resolve(), config, seed, told, interrupted)
+        batch = _Batch(jobs, folder.resolve(), config, seed, paperwork, told, interrupted)
         batch.run(crew, resume=resume)
         return BatchResult(folder, tuple(batch.rows[i] for i in range(len(jobs))))
 
@@ -164,6 +177,7 @@ class _Batch:
     out: Path
     config: RunConfig
     seed: int
+    paperwork: Paperwork
     told: Callable[[Progress], None] | None
     interrupted: Callable[[], bool] | None
     rows: Rows = field(default_factory=dict)
@@ -192,7 +206,8 @@ class _Batch:
     def _known(self, job: Job, *, resume: bool) -> Row | None:
         if job.measurement is None:
             return failed_row(job, job.error)
-        return finished_before(self.out, job) if resume else None
+        judged_anew = self.paperwork.amends
+        return finished_before(self.out, job) if resume and not judged_anew else None
 
     def _compile(self, waiting: Sequence[int]) -> None:
         """Have the kernels of the first sample compiled, so that the workers only load them."""
@@ -242,7 +257,7 @@ class _Batch:
 
     def _submit(self, executor: Executor, crew: Crew, waiting: deque[int]) -> None:
         i = waiting[0]
-        task = Task(self.jobs[i], self.out, self.config, self.seed)
+        task = Task(self.jobs[i], self.out, self.config, self.seed, self.paperwork)
         self.running[executor.submit(crew.work, task)] = i
         waiting.popleft()
 

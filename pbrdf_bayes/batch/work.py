@@ -7,7 +7,7 @@ import os
 import signal
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from pbrdf_bayes.batch.outcome import DONE, SKIPPED, Row, failed_row, finished_row
@@ -15,6 +15,7 @@ from pbrdf_bayes.batch.plan import Job
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.errors import PbrdfError, RunFolderError
 from pbrdf_bayes.io.run_folder import is_finished, load_summary
+from pbrdf_bayes.paperwork import Paperwork, amend_folder
 from pbrdf_bayes.workflow import fit_into
 
 ONE_THREAD = dict.fromkeys(
@@ -35,6 +36,7 @@ class Task:
     out: Path
     config: RunConfig
     seed: int
+    paperwork: Paperwork = field(default_factory=Paperwork)
 
 
 def prepare_worker() -> None:
@@ -54,17 +56,24 @@ def run_task(task: Task) -> Row:
     """Fit a sample into its folder, or go on with what is there; never raises for a bad sample.
 
     The folder's name says what the run is made from, so what is found finished there is the
-    result. Another process in the folder is refused by its lock.
+    result, but for the paperwork: that is done anew. Another process in the folder is refused by
+    its lock.
     """
     started = time.perf_counter()
-    job, m = task.job, task.job.measurement
+    job, m, wanted = task.job, task.job.measurement, task.paperwork
     assert m is not None
+    status = DONE
     try:
         folder = own_folder(task.out, job.folder)
         if not _is_done(folder):  # it is where the process ended before it could say so
-            fit_into(folder, m, task.config, seed=task.seed, resume=True, brief=True)
+            fit_into(
+                folder, m, task.config, seed=task.seed, resume=True, paperwork=wanted, brief=True
+            )
+        elif wanted.amends:
+            amend_folder(folder, wanted, brief=True)
+            status = SKIPPED
         row = finished_row(
-            job, load_summary(folder), status=DONE, seconds=time.perf_counter() - started
+            job, load_summary(folder), status=status, seconds=time.perf_counter() - started
         )
     except PbrdfError as error:
         return failed_row(job, str(error), seconds=time.perf_counter() - started)

@@ -59,8 +59,13 @@ class Mixture:
     def distances(self, z: Array) -> Array:
         """Squared Mahalanobis distances to the components, shape (n_components, n_sets)."""
         inverse = np.linalg.inv(self.factors)
-        whitened = z @ inverse.swapaxes(1, 2) - (inverse @ self.centres[:, :, None]).swapaxes(1, 2)
-        return np.asarray(np.einsum("cij,cij->ci", whitened, whitened))
+        moved = (inverse @ self.centres[:, :, None])[:, :, 0]
+        found = np.empty((len(self.centres), len(z)))
+        for row, factor, centre in zip(found, inverse, moved, strict=True):  # fits in the cache
+            whitened = z @ factor.T
+            whitened -= centre
+            np.einsum("ij,ij->i", whitened, whitened, out=row)
+        return found
 
     def log_density(self, z: Array) -> Array:
         """Natural log of the density, shape (n_sets,)."""
@@ -134,12 +139,16 @@ def _em_step(mixture: Mixture, z: Array, weights: Array, overall: Array) -> Mixt
     centres, factors, totals = [], [], []
     n_par = z.shape[1]
     precisions = (_DOF + n_par) / (_DOF + distances)
+    deviations, room = np.empty(
+        (2, *z.shape)
+    )  # fresh memory at every turn costs more than the sums
     for row, precision in zip(share, precisions, strict=True):
         total = row.sum()
         if total < 1e-4:
             continue
         new = (row * precision) @ z / (row @ precision)
-        spread = _covariance(z - new, row * precision / total)
+        np.subtract(z, new, out=deviations)
+        spread = _covariance(deviations, row * precision / total, room)
         factors.append(np.linalg.cholesky((1.0 - _SHRINKAGE) * spread + _SHRINKAGE * overall))
         centres.append(new)
         totals.append(total)
@@ -147,9 +156,10 @@ def _em_step(mixture: Mixture, z: Array, weights: Array, overall: Array) -> Mixt
     return Mixture(np.array(centres), np.array(factors), shares / shares.sum())
 
 
-def _covariance(deviations: Array, weights: Array) -> Array:
+def _covariance(deviations: Array, weights: Array, room: Array | None = None) -> Array:
+    """Weighted covariance; ``room``, of the shape of the deviations, is written over."""
     n_par = deviations.shape[1]
-    matrix = (deviations * weights[:, None]).T @ deviations
+    matrix = np.multiply(deviations, weights[:, None], out=room).T @ deviations
     return np.asarray(matrix + 1e-12 * np.trace(matrix) / n_par * np.eye(n_par))
 
 

@@ -11,12 +11,12 @@ from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.io.config_toml import read_toml
 
 
-def read_document(path: Path) -> Document:
+def read_document(path: str | Path) -> Document:
     """Items of a report from a TOML file.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         Its keys are the fields of `Document`, at the top level or below ``[document]``. Dates may
         be those of TOML.
 
@@ -29,7 +29,7 @@ def read_document(path: Path) -> Document:
     ConfigError
         File missing or not TOML, unknown key, value not allowed; the message names file and key.
     """
-    table = read_toml(path)
+    table = read_toml(Path(path))
     if set(table) == {"document"} and isinstance(table["document"], dict):
         table = table["document"]
     try:

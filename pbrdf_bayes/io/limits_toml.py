@@ -25,12 +25,12 @@ _KEYS = {
 _NUMBERS = ("lower", "upper", "guard", "tolerance", "phi_r_deg")
 
 
-def read_limits(path: Path) -> Specification:
+def read_limits(path: str | Path) -> Specification:
     """A specification from a TOML file.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         ``specification`` (its name), the fields of `DecisionRule`, and a table ``[[limit]]`` for
         each limit, ``[[difference]]`` for each limit on the difference to a reference sample.
         Their keys are the fields of `Limit`; a difference has ``tolerance`` instead of ``lower``
@@ -46,7 +46,7 @@ def read_limits(path: Path) -> Specification:
         File missing or not TOML, unknown key, value not allowed; the message names file, table and
         key.
     """
-    table = read_toml(path)
+    table = read_toml(Path(path))
     try:
         return replace(specification_from_table(table), source=str(path))
     except ConfigError as error:

@@ -20,6 +20,7 @@ import jsonschema
 import xarray as xr
 
 from pbrdf_bayes.errors import RunFolderError
+from pbrdf_bayes.io.netcdf_tree import tree_bytes
 from pbrdf_bayes.results import SCHEMA_VERSION, Analysis
 
 SUMMARY = "summary.json"
@@ -213,7 +214,7 @@ def save_analysis(analysis: Analysis, folder: Path, *, report: str, log: str) ->
     summary = finite_only(analysis.summary)
     validate_summary(summary, where=str(folder))
     # made in memory: where the disk is full, HDF5 ends the process
-    write_bytes(folder / POSTERIOR, analysis.draws.to_netcdf(engine="h5netcdf"))
+    write_bytes(folder / POSTERIOR, tree_bytes(analysis.draws))
     write_text(folder / CONFIG, analysis.config_toml)
     write_text(folder / LOG, log)
     write_text(folder / REPORT, report)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from functools import cache
 from importlib.resources import files
 from typing import Any
 
@@ -67,8 +68,9 @@ def render_report(analysis: Analysis, *, brief: bool = False) -> str:
     return environment().get_template("template.html.j2").render(_context(analysis, brief))
 
 
+@cache
 def environment() -> Environment:
-    """Where templates come from, and how what they place is escaped."""
+    """Where templates come from, and how what they place is escaped; compiled once a process."""
     found = Environment(
         loader=FunctionLoader(_template_text),
         autoescape=True,

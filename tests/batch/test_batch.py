@@ -6,6 +6,7 @@ import csv
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -27,7 +28,14 @@ from pbrdf_bayes.cli import main
 
 COMMAND = [sys.executable, "-m", "pbrdf_bayes", "batch"]
 HEADER = "sample,wavelength_um,quantity,polarization,theta_i_deg,theta_r_deg,value"
-FITTED = ["../../escape", "<script>alert(1)</script>", "=1+1", "Lot", "lot"]
+FITTED = ["../../escape", "<script>alert(1)</script>", "=1+1", "Lot"]
+DONE = " s)\n"
+"""End of the line that says that a sample is done."""
+LIMITS = """rule = "simple"
+[[limit]]
+name = "roughness"
+parameter = "rho0"
+"""
 HOSTILE = [
     "../../escape", "a/b", "CON", "<script>alert(1)</script>", "'\"; rm -rf ~", "=1+1", "Lot",
     "lot", "l\u043et", "..", "n" * 200,
@@ -84,9 +92,12 @@ def finished(tmp_path_factory, quick) -> Path:
     (home / "good.csv").write_text("\n".join([*lines, "bad,3.39,brdf,s,20,5,-1", ""]), "utf-8")
     write_samples(home / "twice.csv", ["lot"], seed=77)
     (home / "broken.csv").write_text("nothing;here\n1;2\n")
+    (home / "limits.toml").write_text(f"{LIMITS}lower = 0.2\nupper = 0.8\n")
+    (home / "document.toml").write_text('laboratory = "Laboratory <1>"\n')
+    papers = ["--limits", str(home / "limits.toml"), "--document", str(home / "document.toml")]
     names = ["good.csv", "twice.csv", "broken.csv", "absent.csv"]
     done = subprocess.run(
-        [*COMMAND, *(str(home / n) for n in names), "--out", str(home / "out"), *quick,
+        [*COMMAND, *(str(home / n) for n in names), "--out", str(home / "out"), *quick, *papers,
          "--workers", "2"], capture_output=True, text=True, check=False, cwd=home,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -116,7 +127,9 @@ def test_every_sample_has_a_row(finished):
 
 def test_nothing_is_written_outside(finished):
     outside = sorted(p.name for p in finished.iterdir())
-    assert outside == ["broken.csv", "good.csv", "out", "twice.csv"]
+    assert outside == [
+        "broken.csv", "document.toml", "good.csv", "limits.toml", "out", "twice.csv",
+    ]  # fmt: skip
     runs = [p for p in (finished / "out").iterdir() if p.is_dir()]
     assert len({p.name.lower() for p in runs}) == len(FITTED) + 1
 
@@ -146,6 +159,42 @@ def test_resume_skips_what_is_done(finished, tmp_path, quick, capsys, signals_as
     assert main(["batch", *options, "--strict"]) == 4
 
 
+def test_every_sample_is_judged(finished, tmp_path, quick, capsys, signals_as_before):
+    """When it is fitted; by other limits without fitting it again; bad limits start nothing."""
+    out = Path(shutil.copytree(finished / "out", tmp_path / "out"))
+    rows = [row for row in index_of(out)["samples"] if row["status"] != "failed"]
+    for row in rows:
+        summary = json.loads((out / row["run"] / "summary.json").read_text("utf-8"))
+        assert row["conformity"] == summary["conformity"]["verdict"]
+        assert summary["document"]["laboratory"] == "Laboratory <1>"
+        draws = pb.load_analysis(out / row["run"]).draws["posterior"]["rho0"].values
+        if row["verdict"] != "FAIL" and summary["parameters"]["rho0"]["identified"]:
+            assert row["conformity"] == ("ACCEPT" if 0.2 <= draws.mean() <= 0.8 else "REJECT")
+    assert "ACCEPT" in {row["conformity"] for row in rows}
+    page = (out / "index.html").read_text("utf-8")
+    assert ">Conformity<" in page
+    assert "Laboratory &lt;1&gt;" in (out / rows[0]["run"] / "report.html").read_text("utf-8")
+
+    limits = tmp_path / "other.toml"
+    limits.write_text(f"{LIMITS}upper = 0.1\n")
+    options = [str(finished / "good.csv"), "--out", str(out), *quick, "--resume", "--quiet"]
+    assert main(["batch", *options, "--limits", str(limits)]) == 0
+    again = {row["run"]: row for row in index_of(out)["samples"] if row["run"]}
+    assert len(again) == len(FITTED)
+    for row in rows:
+        if row["run"] in again:
+            assert again[row["run"]]["parameters"] == row["parameters"]
+            assert again[row["run"]]["status"] == "skipped"
+            if row["conformity"] == "ACCEPT":
+                assert again[row["run"]]["conformity"] == "REJECT"
+
+    limits.write_text(LIMITS.replace("rho0", "rho") + "upper = 1\n")
+    bad = [str(finished / "good.csv"), "--out", str(tmp_path / "none"), "--limits", str(limits)]
+    assert main(["batch", *bad]) == 2
+    assert "other.toml" in capsys.readouterr().err
+    assert not (tmp_path / "none").exists()
+
+
 def test_a_link_out_of_the_folder_is_refused(tmp_path, quick, capsys, signals_as_before):
     file = write_samples(tmp_path / "one.csv", ["one"])
     out, outside = tmp_path / "out", tmp_path / "outside"
@@ -171,23 +220,35 @@ def test_a_link_out_of_the_folder_is_refused(tmp_path, quick, capsys, signals_as
     assert "Give one of them" in capsys.readouterr().err
 
 
-def start(files: list[Path], out: Path, *options: str) -> subprocess.Popen[str]:
-    """A batch with two workers of which at least one sample is done."""
+def start(files: list[Path], out: Path, *options: str, until: str) -> subprocess.Popen[str]:
+    """A batch that has said a line with that text."""
     process = subprocess.Popen(
         [*COMMAND, *map(str, files), "--out", str(out), *options], stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     assert process.stderr is not None
     for line in process.stderr:
-        if line.startswith("'"):
+        if until in line:
             return process
-    pytest.fail("the batch ended before a sample was done")
+    pytest.fail(f"the batch ended before it said {until!r}")
 
 
-def test_an_interrupt_leaves_a_good_index_and_resume_goes_on(tmp_path, quick):
-    file = write_samples(tmp_path / "many.csv", [f"lot {i}" for i in range(3)])
-    out = tmp_path / "out"
-    process = start([file], out, *quick, "--workers", "2")
+def workers_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
+    """Its workers, once there are two."""
+    deadline = time.monotonic() + 60.0
+    found: list[psutil.Process] = []
+    while len(found) < 2 and time.monotonic() < deadline:
+        children = psutil.Process(process.pid).children(recursive=True)
+        found = [p for p in children if "spawn_main" in " ".join(p.cmdline())]
+        time.sleep(0.05)
+    return found
+
+
+def test_interrupted_resumed_and_a_worker_killed_nothing_is_lost(tmp_path, quick):
+    """One batch through all of it, for each start of a process takes seconds."""
+    names = [f"lot {i}" for i in range(4)]
+    file, out = write_samples(tmp_path / "many.csv", names), tmp_path / "out"
+    process = start([file], out, *quick, "--workers", "2", until=DONE)
     children = psutil.Process(process.pid).children(recursive=True)
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=60)
@@ -197,38 +258,25 @@ def test_an_interrupt_leaves_a_good_index_and_resume_goes_on(tmp_path, quick):
     _, alive = psutil.wait_procs(children, timeout=20)
     assert alive == []
     before = statuses(out)
-    assert 1 <= len(before) < 3
+    assert 1 <= len(before) < 4
     assert not index_of(out)["finished"]
-    done = subprocess.run(
-        [*COMMAND, str(file), "--out", str(out), *quick, "--resume", "--quiet"], check=False,
-        capture_output=True, text=True,
-    )  # fmt: skip
-    assert done.returncode == 0
-    after = statuses(out)
-    assert list(after) == [f"lot {i}" for i in range(3)]
-    assert all(after[name] == "skipped" for name in before)
-    assert len(list(out.glob("*/summary.json"))) == 3
 
-
-def test_a_killed_worker_loses_nothing(tmp_path, quick):
-    file = write_samples(tmp_path / "many.csv", [f"lot {i}" for i in range(3)])
-    out = tmp_path / "out"
-    process = start([file], out, *quick, "--workers", "2")
-    spawned = [
-        p for p in psutil.Process(process.pid).children(recursive=True)
-        if "spawn_main" in " ".join(p.cmdline())
-    ]  # fmt: skip
-    spawned[0].send_signal(signal.SIGKILL)
+    process = start([file], out, *quick, "--workers", "2", "--resume", until="in hand: ")
+    workers_of(process)[0].send_signal(signal.SIGKILL)
     process.communicate(timeout=120)
     assert process.returncode == 0
-    assert statuses(out) == {f"lot {i}": "done" for i in range(3)}
+    after = statuses(out)
+    assert list(after) == names
+    assert all(after[name] == "skipped" for name in before)
+    assert set(after.values()) <= {"done", "skipped"}
+    assert len(list(out.glob("*/summary.json"))) == 4
 
 
 def test_when_the_parent_is_killed_its_workers_end(tmp_path, quick):
     file = write_samples(tmp_path / "many.csv", [f"lot {i}" for i in range(3)])
-    process = start([file], tmp_path / "out", *quick)
-    children = psutil.Process(process.pid).children(recursive=True)
-    assert children
+    process = start([file], tmp_path / "out", *quick, "--workers", "2", until="in hand: ")
+    children = workers_of(process)
+    assert len(children) == 2
     process.kill()
     process.communicate()
     _, alive = psutil.wait_procs(children, timeout=20)
@@ -382,7 +430,7 @@ def test_a_cluster_loses_nothing_when_a_worker_is_killed(tmp_path, quick):
         wait_for_workers(address, 2)
         file = write_samples(tmp_path / "many.csv", [f"lot {i}" for i in range(3)])
         out = tmp_path / "out"
-        process = start([file], out, *quick, "--scheduler", address)
+        process = start([file], out, *quick, "--scheduler", address, until=DONE)
         processes[1].kill()
         _, said = process.communicate(timeout=120)
         assert process.returncode == 0, said
