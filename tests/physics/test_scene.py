@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pbrdf_bayes import GREEN_PAINT, DomainError, Effects, Parameters, brdf, dhr
-from pbrdf_bayes.effects import EFFECT_DOMAIN, scene_and_columns
+from pbrdf_bayes.effects import EFFECT_DOMAIN, effects_of_fit, scene_and_columns
 from pbrdf_bayes.physics.geometry import prepare_geometry
 from pbrdf_bayes.physics.scattering import conserves_energy, evaluate_with_effects
 from pbrdf_bayes.physics.scene import EffectValues
@@ -180,7 +180,8 @@ ranges = {name: st.floats(*EFFECT_DOMAIN[name]) for name in EffectValues._fields
 @settings(max_examples=60, deadline=None)
 def test_finite_and_not_negative_everywhere(values, shape, mean, lambert, theta_i):
     values["bulk" if lambert else "lambert"] = 0.0
-    effects = Effects(line_shape=shape, fresnel_at=mean, **values)
+    weak = {name: 0.1 * values[name] for name in ("lambert", "bulk", "volume", "backscatter")}
+    effects = effects_of_fit({**values, **weak, "line_shape": shape, "fresnel_at": mean})
     for q in "spu":
         found = brdf(GREEN_PAINT, theta_i, GRID, q, effects=effects)
         assert np.all(np.isfinite(found))
@@ -193,16 +194,22 @@ def test_what_passes_as_conserving_energy_does(values):
     values["bulk"] = 0.0 if values["lambert"] > 0.5 else values["bulk"]
     values["lambert"] = values["lambert"] if values["bulk"] == 0.0 else 0.0
     values["dhr_offset"] = 0.0
-    effects = Effects(**values)
+    effects = effects_of_fit(values)
     theta = np.array([0.0, 30.0, 60.0, 85.0, 89.95])
     geometry = prepare_geometry(
         theta_i=np.zeros(0), theta_r=np.zeros(0), phi_r=np.zeros(0),
-        polarization=np.zeros(0, np.str_), dhr_theta_i=np.deg2rad(theta),
-        dhr_polarization=np.full(theta.size, "s"),
+        polarization=np.zeros(0, np.str_), dhr_theta_i=np.deg2rad([*theta, *theta]),
+        dhr_polarization=np.repeat(["s", "p"], theta.size),
     )  # fmt: skip
     scene, x = scene_and_columns(effects, GREEN_PAINT.as_array())
-    largest = max(dhr(GREEN_PAINT, theta, q, effects=effects).max() for q in "sp")
-    assert bool(conserves_energy(geometry, scene, x)[0]) == (largest <= 1.0)
+    largest = evaluate_with_effects(geometry, scene, x, 8.0)[1].max()
+    passes = bool(conserves_energy(geometry, scene, x)[0])
+    assert passes == (largest <= 1.0)
+    if passes:
+        np.testing.assert_array_less(dhr(GREEN_PAINT, theta, "s", effects=effects), 1.0 + 1e-12)
+    else:
+        with pytest.raises(DomainError, match="reflect"):
+            dhr(GREEN_PAINT, theta, "s", effects=effects)
 
 
 @pytest.mark.parametrize(
