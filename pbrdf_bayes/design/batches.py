@@ -151,7 +151,8 @@ def best_pair(stage: Stage, candidates: Sequence[Evaluated], *, minutes: float) 
         return None
     gains = [joint_gain(stage, pair) for pair in pairs]
     i = int(np.argmax([g.eig for g in gains]))
-    best = Batch(pairs[i], (pairs[i][0].gain, gains[i]), sum(c.candidate.minutes for c in pairs[i]))
+    alone = joint_gain(stage, pairs[i][:1])
+    best = Batch(pairs[i], (alone, gains[i]), sum(c.candidate.minutes for c in pairs[i]))
     if best.eig < greedy.eig:
         best = greedy
     away = best.gains[-1].terms - greedy.gains[-1].terms

@@ -10,6 +10,8 @@ from pbrdf_bayes.design.beliefs import beliefs_of_prior
 from pbrdf_bayes.design.candidates import Candidate
 from pbrdf_bayes.design.evaluate import evaluate, set_stage
 from pbrdf_bayes.design.refine import _log_norm, _terms, refined_gain
+from pbrdf_bayes.design.run import DesignChoices, design_measurements
+from pbrdf_bayes.design.summary import summarise_design
 
 
 @pytest.mark.parametrize("noise", [1.0, 0.05, 1e-4])
@@ -77,3 +79,22 @@ def test_a_first_scan_is_bracketed() -> None:
     assert first.high - first.low > 4.0
     assert second.high - second.low < 2.0
     assert first.low < second.eig < first.high
+
+
+def test_a_design_with_wide_brackets_from_end_to_end() -> None:
+    """Refined and plain candidates in one ranking, batch and pair."""
+    scan = tuple(range(-80, 81, 20))
+    options = [
+        Candidate("brdf", "s", 20.0, 10.0, theta_r_deg=scan),
+        Candidate("brdf", "p", 60.0, 10.0, theta_r_deg=scan),
+        Candidate("dhr", "s", 30.0, 3.0),
+    ]
+    beliefs = beliefs_of_prior(pb.RunConfig(), options, n_draws=1000, seed=1)
+    small = DesignChoices(n_outer=60, n_inner=400, batch=2, seed=3)
+    result = design_measurements(beliefs, options, choices=small)
+    found = summarise_design(result, None)
+    by_label = {row["label"]: row for row in found["candidates"]}
+    assert by_label["p scan at 60°"]["eig_nats"] > by_label["DHR_s at 30°"]["eig_nats"] > 0.5
+    assert found["candidates"][0]["label"] == "p scan at 60°"
+    assert result.pairs is not None
+    assert len(result.pairs.best.members) == 2
