@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 DONE, BAD_INPUT, NOT_CONVERGED, STRICT_FAIL, INTERRUPTED = 0, 2, 3, 4, 130
@@ -23,6 +24,16 @@ def add_verb(
     )
     parser.set_defaults(run=run)
     return parser
+
+
+def add_choices(parser: argparse.ArgumentParser, *, of: str) -> None:
+    """Arguments of every verb that fits."""
+    parser.add_argument("--config", type=Path, metavar="TOML", help=f"choices of {of}")
+    parser.add_argument("--accuracy", metavar="LEVEL",
+                        help="draft, standard (default) or reference")  # fmt: skip
+    parser.add_argument("--effects", metavar="NAMES",
+                        help="none (default), auto, or names: lambert,volume")  # fmt: skip
+    parser.add_argument("--seed", type=seed, default=1, metavar="N", help="seed (default 1)")
 
 
 def seed(text: str) -> int:

@@ -12,13 +12,13 @@ from typing import Any
 from pbrdf_bayes.candidates_csv import Wanted
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.design.run import DesignChoices
-from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.io.run_folder import (
     DESIGN,
     REPORT,
     finite_only,
     load_analysis,
     locked,
+    refuse_other_content,
     validate_design,
     write_text,
 )
@@ -84,7 +84,9 @@ def run_design(request: DesignRequest, told: Told = lambda *_: None) -> dict[str
     out = request.out or folder
     at_home = folder is not None and out is not None and out.resolve() == folder.resolve()
     if out is not None and not at_home:
-        _refuse_other_content(out)
+        refuse_other_content(
+            out, known=(DESIGN, PAGE, PLAN), what="a folder", remedy="Give another --out"
+        )
     source = request.config if folder is None else load_analysis(folder)
     question = ask(
         source, request.wanted, goals=request.goals, about=request.about, choices=request.choices
@@ -96,17 +98,6 @@ def run_design(request: DesignRequest, told: Told = lambda *_: None) -> dict[str
             if at_home and isinstance(source, Analysis):
                 _rebuild_report(source, design, out)
     return design
-
-
-def _refuse_other_content(out: Path) -> None:
-    if out.exists() and not out.is_dir():
-        msg = f"{out}: is a file; --out is a folder. Give another one"
-        raise RunFolderError(msg)
-    present = sorted(p.name for p in out.iterdir()) if out.is_dir() else []
-    strange = [n for n in present if not n.startswith(".") and n not in (DESIGN, PAGE, PLAN)]
-    if strange:
-        msg = f"{out}: holds something else ({', '.join(strange[:3])}). Give another --out"
-        raise RunFolderError(msg)
 
 
 def _write(design: Mapping[str, Any], out: Path) -> None:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -23,16 +24,15 @@ from pbrdf_bayes.config import ACCURACIES
 from pbrdf_bayes.effects import INSTRUMENT_FIELDS
 from pbrdf_bayes.inference.discrepancy import Process, draw_prior_discrepancy
 from pbrdf_bayes.inference.discrepancy_paths import draw_paths_given
-from pbrdf_bayes.inference.posterior import Posterior, build_posterior
-from pbrdf_bayes.io.config_toml import config_from_table
+from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.measurement import name_half_plane
 from pbrdf_bayes.model import DOMAIN, digits_of
 from pbrdf_bayes.physics.geometry import prepare_geometry
 from pbrdf_bayes.physics.scene import EffectValues
-from pbrdf_bayes.results import Analysis
+from pbrdf_bayes.results import Analysis, draws_of_run
 from pbrdf_bayes.scene_prediction import DrawnModel
 from pbrdf_bayes.specification import Limit
-from pbrdf_bayes.tree import measurement_of
+from pbrdf_bayes.tree import posterior_of
 
 Array = NDArray[np.float64]
 Key = tuple[float, float, str]
@@ -61,10 +61,8 @@ class Sample:
 
 def sample_of(analysis: Analysis) -> Sample:
     """Draws of a run, evenly thinned where there are more than are needed."""
-    config = config_from_table(analysis.summary["config"])
-    posterior = build_posterior(measurement_of(analysis), config)
-    group = analysis.draws["posterior"].to_dataset()
-    cube = np.stack([group[name].values for name in posterior.parameter_names], axis=-1)
+    posterior = posterior_of(analysis)
+    cube = draws_of_run(analysis, posterior.parameter_names)
     step = -(-cube.shape[0] * cube.shape[1] // _MOST_DRAWS)
     kept = cube[:, ::step]
     return Sample(analysis, posterior, kept.reshape(-1, cube.shape[-1]), kept.shape[:2])
@@ -187,7 +185,7 @@ def _paths_of_group(
     """Given the readings of a geometry that was measured, otherwise from the law alone."""
     seen = _readings_of(posterior, x, key)
     if seen is not None:
-        return draw_paths_given(laws, rng, wanted_deg=theta_r, **seen)
+        return draw_paths_given(laws, repeat(rng), wanted_deg=theta_r, **seen)
     group = np.zeros(theta_r.size, dtype=np.int64)
     return np.stack(
         [draw_prior_discrepancy(law, rng, theta_r_deg=theta_r, group=group) for law in laws]

@@ -6,8 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from pbrdf_bayes.candidates_csv import Wanted, list_wanted
 from pbrdf_bayes.config import AUTO, RunConfig
 from pbrdf_bayes.design.beliefs import Beliefs, beliefs_of_prior, beliefs_of_run
@@ -17,10 +15,8 @@ from pbrdf_bayes.design.run import DesignChoices, design_measurements
 from pbrdf_bayes.design.summary import summarise_design
 from pbrdf_bayes.design.words import minutes as in_minutes
 from pbrdf_bayes.errors import ConfigError
-from pbrdf_bayes.inference.posterior import build_posterior
-from pbrdf_bayes.io.config_toml import config_from_table
-from pbrdf_bayes.results import Analysis
-from pbrdf_bayes.tree import measurement_of
+from pbrdf_bayes.results import Analysis, draws_of_run
+from pbrdf_bayes.tree import measurement_of, posterior_of
 
 Told = Callable[[str, int, int], None]
 
@@ -185,12 +181,9 @@ def choices_of(*, minutes: float, batch: int, draws: int, seed: int) -> DesignCh
 
 
 def _beliefs_of(analysis: Analysis, about: Sequence[str]) -> Beliefs:
-    config = config_from_table(analysis.summary["config"])
-    posterior = build_posterior(measurement_of(analysis), config)
-    group = analysis.draws["posterior"].to_dataset()
-    names = posterior.parameter_names
-    draws = np.stack([group[name].values.ravel() for name in names], axis=1)
-    return beliefs_of_run(posterior, draws, about=about)
+    posterior = posterior_of(analysis)
+    draws = draws_of_run(analysis, posterior.parameter_names)
+    return beliefs_of_run(posterior, draws.reshape(-1, posterior.n_par), about=about)
 
 
 def _beliefs_before(

@@ -12,17 +12,14 @@ from numpy.typing import NDArray
 from pbrdf_bayes.effects import Effects
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.inference.bands import Bands, Targets, predict_bands
-from pbrdf_bayes.inference.posterior import build_posterior
-from pbrdf_bayes.io.config_toml import config_from_table
 from pbrdf_bayes.io.run_folder import load_analysis
 from pbrdf_bayes.model import Parameters, brdf, check_directions, dhr, digits_of
 from pbrdf_bayes.reciprocity import reciprocal_brdf
-from pbrdf_bayes.results import Analysis, drawn_sets
-from pbrdf_bayes.tree import measurement_of
+from pbrdf_bayes.results import N_BAND_DRAWS, Analysis, drawn_sets
+from pbrdf_bayes.tree import posterior_of
 
 Array = NDArray[np.float64]
 
-_N_BAND_DRAWS = 400
 COLUMNS = (
     "quantity", "polarization", "theta_i_deg", "theta_r_deg", "value", "q05", "q25", "q75", "q95",
     "pred_q05", "pred_q95",
@@ -201,9 +198,8 @@ def predict_from_analysis(analysis: Analysis, targets: Targets) -> Bands:
         theta_i_deg=targets.theta_i_deg, phi_r_deg=targets.phi_r_deg,
         theta_r_deg=0.0 if targets.hemispherical else targets.theta_r_deg,
     )  # fmt: skip
-    config = config_from_table(analysis.summary["config"])
-    posterior = build_posterior(measurement_of(analysis), config)
-    picked, rng = drawn_sets(analysis, posterior.parameter_names, _N_BAND_DRAWS)
+    posterior = posterior_of(analysis)
+    picked, rng = drawn_sets(analysis, posterior.parameter_names, N_BAND_DRAWS)
     best = analysis.summary["parameters"]
     x_map = np.array([best[name]["map"] for name in posterior.parameter_names])
     return predict_bands(posterior, picked, x_map, targets, rng)

@@ -56,6 +56,8 @@ QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 """Quantiles of every stored band: the 50 % and the 90 % interval and the median."""
 
 SCHEMA_VERSION = 1
+N_BAND_DRAWS = 400
+"""Draws of a run that its bands are made of."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +82,12 @@ class Analysis:
     design: Mapping[str, Any] | None = None
 
 
+def draws_of_run(analysis: Analysis, names: Sequence[str]) -> NDArray[np.float64]:
+    """Draws of some parameters, shape (n_chains, n_draws, n_names), physical units."""
+    group = analysis.draws["posterior"].to_dataset()
+    return np.stack([group[name].values for name in names], axis=-1)
+
+
 def drawn_sets(
     analysis: Analysis, names: Sequence[str], n: int
 ) -> tuple[NDArray[np.float64], np.random.Generator]:
@@ -98,7 +106,7 @@ def drawn_sets(
     tuple of ndarray, shape (n, n_names), and numpy.random.Generator
         The sets, in physical units, and the generator to go on with.
     """
-    group = analysis.draws["posterior"].to_dataset()
-    flat = np.stack([group[name].values.ravel() for name in names], axis=1)
+    cube = draws_of_run(analysis, names)
+    flat = cube.reshape(-1, len(names))
     rng = np.random.default_rng([int(analysis.summary["seed"]), 7])
     return flat[rng.choice(len(flat), n)], rng

@@ -5,8 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 from pbrdf_bayes.effects import Effects
-from pbrdf_bayes.errors import ConfigError, DomainError, RunFolderError
-from pbrdf_bayes.io.run_folder import load_analysis, locked, write_bytes, write_text
+from pbrdf_bayes.errors import ConfigError, DomainError
+from pbrdf_bayes.io.run_folder import (
+    load_analysis,
+    locked,
+    refuse_other_content,
+    write_bytes,
+    write_text,
+)
 from pbrdf_bayes.io.scene_arrays import scene_csv, scene_dataset
 from pbrdf_bayes.io.scene_toml import read_scene
 from pbrdf_bayes.model import Parameters
@@ -62,7 +68,9 @@ def write_scene(
             "With --out - the CSV alone goes to standard output"
         )
         raise ConfigError(msg)
-    _refuse_other_content(out)
+    refuse_other_content(
+        out, known=(NETCDF,), any_of=True, what="with --scene a folder", remedy="Give another --out"
+    )
     values = _compute(folder, parameters, scene, effects, rtol, scene_toml)
     with locked(out):
         _write(values, out)
@@ -89,17 +97,6 @@ def _compute(
     except (ConfigError, DomainError) as error:
         msg = f"{path}: {error}"
         raise ConfigError(msg) from None
-
-
-def _refuse_other_content(out: Path) -> None:
-    if out.exists() and not out.is_dir():
-        msg = f"{out}: is a file; with --scene --out is a folder. Give another one"
-        raise RunFolderError(msg)
-    present = sorted(p.name for p in out.iterdir()) if out.is_dir() else []
-    visible = [name for name in present if not name.startswith(".")]
-    if visible and NETCDF not in visible:
-        msg = f"{out}: holds something else ({', '.join(visible[:3])}). Give another --out"
-        raise RunFolderError(msg)
 
 
 def _write(values: SceneValues, out: Path) -> None:

@@ -15,7 +15,9 @@ from pbrdf_bayes.inference.bands import (
     scan_scales,
     targets_at,
 )
+from pbrdf_bayes.inference.posterior import Posterior, build_posterior
 from pbrdf_bayes.inference.scan_widths import ScanWidths
+from pbrdf_bayes.io.config_toml import config_from_table
 from pbrdf_bayes.measurement import Measurement, measurement_from_columns
 from pbrdf_bayes.results import QUANTILES, Analysis
 from pbrdf_bayes.stages import Stages
@@ -226,3 +228,9 @@ def measurement_of(analysis: Analysis) -> Measurement:
         source=str(analysis.summary["input"]["file"]),
         sha256=str(analysis.summary["input"]["sha256"]),
     )
+
+
+def posterior_of(analysis: Analysis) -> Posterior:
+    """The posterior that a run has drawn from, built again from its arrays and its choices."""
+    config = config_from_table(analysis.summary["config"])
+    return build_posterior(measurement_of(analysis), config)

@@ -15,6 +15,7 @@ from pbrdf_bayes.arguments import (
     DONE,
     NOT_CONVERGED,
     STRICT_FAIL,
+    add_choices,
     add_verb,
     effects,
     grid,
@@ -47,12 +48,7 @@ def add_fit(verbs: Any) -> None:
     parser.add_argument("--wavelength", type=float, metavar="UM", help="which wavelength [um]")
     parser.add_argument("--out", type=Path, metavar="DIR",
                         help="the run folder itself (default reports/<sample>/<time>)")  # fmt: skip
-    parser.add_argument("--config", type=Path, metavar="TOML", help="choices of the run")
-    parser.add_argument("--accuracy", metavar="LEVEL",
-                        help="draft, standard (default) or reference")  # fmt: skip
-    parser.add_argument("--effects", metavar="NAMES",
-                        help="none (default), auto, or names: lambert,volume")  # fmt: skip
-    parser.add_argument("--seed", type=seed, default=1, metavar="N", help="seed (default 1)")
+    add_choices(parser, of="the run")
     parser.add_argument("--resume", action="store_true",
                         help="go on with the run in DIR or start it")  # fmt: skip
     parser.add_argument("--strict", action="store_true", help="exit 4 when the verdict is FAIL")

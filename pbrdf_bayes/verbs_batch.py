@@ -8,7 +8,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pbrdf_bayes.arguments import DONE, STRICT_FAIL, add_verb, effects, interrupted, seed
+from pbrdf_bayes.arguments import (
+    DONE,
+    STRICT_FAIL,
+    add_choices,
+    add_verb,
+    effects,
+    interrupted,
+)
 from pbrdf_bayes.verbs_conform import add_paperwork, paperwork_of
 
 if TYPE_CHECKING:
@@ -38,12 +45,7 @@ def add_batch(verbs: Any) -> None:
     parser.add_argument("csv", type=Path, nargs="+", metavar="CSV")
     parser.add_argument("--out", type=Path, metavar="DIR",
                         help="folder of the batch (default reports/batch/<time>)")  # fmt: skip
-    parser.add_argument("--config", type=Path, metavar="TOML", help="choices of every run")
-    parser.add_argument("--accuracy", metavar="LEVEL",
-                        help="draft, standard (default) or reference")  # fmt: skip
-    parser.add_argument("--effects", metavar="NAMES",
-                        help="none (default), auto, or names: lambert,volume")  # fmt: skip
-    parser.add_argument("--seed", type=seed, default=1, metavar="N", help="seed (default 1)")
+    add_choices(parser, of="every run")
     parser.add_argument("--workers", type=_workers, default=1, metavar="N",
                         help="processes on this machine (default 1)")  # fmt: skip
     parser.add_argument("--scheduler", metavar="ADDRESS",

@@ -17,7 +17,6 @@ from pbrdf_bayes.compile_ahead import WITH_EFFECTS, compile_ahead, likelihood_to
 from pbrdf_bayes.config import ACCURACIES, AUTO, RunConfig
 from pbrdf_bayes.curves import count_covered, predict_curves, predict_dhr
 from pbrdf_bayes.data_checks import DataCheck, check_measurement
-from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.inference.applicability import judge_applicability, repeatability_dex
 from pbrdf_bayes.inference.bands import scan_scales
 from pbrdf_bayes.inference.choose_effects import (
@@ -55,7 +54,7 @@ from pbrdf_bayes.io.tidy_csv import read_measurement
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.paperwork import Paperwork, amend_folder, complete, write_pdf
 from pbrdf_bayes.report.page import render_report
-from pbrdf_bayes.results import Analysis
+from pbrdf_bayes.results import N_BAND_DRAWS, Analysis
 from pbrdf_bayes.resume import (
     as_finished,
     can_walk_on,
@@ -72,7 +71,6 @@ from pbrdf_bayes.tree import build_tree
 Array = NDArray[np.float64]
 
 DEFAULT_SEED = 1
-_N_BAND_DRAWS = 400
 
 
 @dataclass(frozen=True)
@@ -174,7 +172,7 @@ def _fit_posterior(
         common = compare_misfits(posterior, optima.best.x, seed=seed)
     with clock.stage("predict"):
         rng = np.random.default_rng([seed, 6])
-        picked = draws.flat[rng.choice(len(draws.flat), _N_BAND_DRAWS)]
+        picked = draws.flat[rng.choice(len(draws.flat), N_BAND_DRAWS)]
         curves = predict_curves(posterior, picked, optima.best.x, rng)
         dhr_curves = predict_dhr(posterior, picked, optima.best.x, rng)
         scales = scan_scales(posterior, picked, rng)
@@ -335,7 +333,10 @@ def fit_into(
         named = replace(config, effects=()) if config.effects == AUTO else config
         posterior = build_posterior(measurement, named)
         refuse_impossible_priors(posterior)
-    _refuse_other_content(folder, resume=resume)
+    if not (resume and folder.is_dir()):
+        run_folder.refuse_other_content(
+            folder, what="the folder of the run", remedy="Add --resume, or give another --out"
+        )
     if resume and run_folder.is_finished(folder):
         summary = finished_summary(folder, as_finished(posterior, config, folder), seed)
         if not can_walk_on(folder, summary, config):
@@ -372,14 +373,3 @@ def _completed(analysis: Analysis, wanted: Paperwork, clock: _Clock) -> Analysis
         return analysis
     with clock.stage("judge limits" if wanted.specification is not None else "fill in"):
         return complete(analysis, wanted)
-
-
-def _refuse_other_content(folder: Path, *, resume: bool) -> None:
-    if folder.exists() and not folder.is_dir():
-        msg = f"{folder}: is a file; --out is the folder of the run"
-        raise RunFolderError(msg)
-    present = [p.name for p in folder.iterdir()] if folder.is_dir() else []
-    visible = sorted(name for name in present if not name.startswith("."))
-    if visible and not resume:
-        msg = f"{folder}: not empty ({', '.join(visible[:3])}). Add --resume, or give another --out"
-        raise RunFolderError(msg)

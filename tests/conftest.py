@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import importlib.util
+import os
+import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
 
 import pbrdf_bayes as pb
 from pbrdf_bayes.compile_ahead import WITH_EFFECTS, compile_ahead
+from pbrdf_bayes.io.print_pdf import BROWSERS
 from pbrdf_bayes.workflow import fit_file
 
 collect_ignore = ["reference/generate_shaped.py"]  # a script: imports the one beside it
@@ -88,3 +92,23 @@ def finished_run(small_csv: Path, tmp_path_factory: pytest.TempPathFactory) -> P
     folder = tmp_path_factory.mktemp("runs") / "finished"
     fit_file(small_csv, pb.RunConfig(accuracy="draft"), out=folder, seed=1)
     return folder
+
+
+def find_browser() -> str | None:
+    """Path of an installed Chromium, or None."""
+    return next((path for name in BROWSERS if (path := shutil.which(name))), None)
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    path = find_browser()
+    if path is None:
+        pytest.skip(f"no browser found: looked for {', '.join(BROWSERS)}")
+    as_root = hasattr(os, "geteuid") and os.geteuid() == 0
+    with sync_api.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(
+            executable_path=path, args=["--no-sandbox"] if as_root else []
+        )
+        yield chromium
+        chromium.close()

@@ -20,9 +20,9 @@ from pbrdf_bayes.batch.work import Task, finished_before
 from pbrdf_bayes.compile_ahead import compile_ahead, likelihood_to_compile
 from pbrdf_bayes.config import AUTO, RunConfig
 from pbrdf_bayes.document import Document
-from pbrdf_bayes.errors import ConfigError, PbrdfError, RunFolderError
+from pbrdf_bayes.errors import ConfigError, PbrdfError
 from pbrdf_bayes.inference.posterior import build_posterior
-from pbrdf_bayes.io.run_folder import locked
+from pbrdf_bayes.io.run_folder import locked, refuse_other_content
 from pbrdf_bayes.paperwork import Paperwork
 from pbrdf_bayes.specification import Specification
 from pbrdf_bayes.workflow import DEFAULT_SEED
@@ -154,18 +154,11 @@ def _crew(workers: int, scheduler: str | None) -> AbstractContextManager[Crew]:
 def _folder(out: str | Path | None, *, resume: bool) -> Path:
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
     folder = Path(out) if out is not None else Path("reports") / "batch" / stamp
-    if folder.exists() and not folder.is_dir():
-        msg = f"{folder}: is a file; --out is the folder of the batch"
-        raise RunFolderError(msg)
-    present = sorted(p.name for p in folder.iterdir()) if folder.is_dir() else []
-    visible = [name for name in present if not name.startswith(".")]
-    if visible and not resume:
-        msg = f"{folder}: not empty ({', '.join(visible[:3])}). Add --resume, or give another --out"
-        raise RunFolderError(msg)
-    foreign = visible and not set(INDEX_FILES) & set(visible)
-    if foreign:
-        msg = f"{folder}: holds no batch ({', '.join(visible[:3])}). Give another --out"
-        raise RunFolderError(msg)
+    remedy = "Give another --out" if resume else "Add --resume, or give another --out"
+    refuse_other_content(
+        folder, known=INDEX_FILES if resume else (), any_of=True, what="the folder of the batch",
+        remedy=remedy,
+    )  # fmt: skip
     return folder
 
 

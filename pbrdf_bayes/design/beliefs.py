@@ -6,7 +6,7 @@ Nothing here is a best fit: every expectation of the design runs over these draw
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import cast
 
@@ -292,11 +292,3 @@ def draw_nuisance(
     return Nuisance(
         draw_sets(beliefs, x, rng), np.where(np.isfinite(total), log_weights - total, -np.log(n))
     )
-
-
-def fewer_draws(beliefs: Beliefs, n: int, seed: int) -> Beliefs:
-    """So many of the draws, taken at random without repetition."""
-    if n >= len(beliefs.x):
-        return beliefs
-    rows = np.random.default_rng([seed, 21]).permutation(len(beliefs.x))[:n]
-    return replace(beliefs, x=np.ascontiguousarray(beliefs.x[rows]))

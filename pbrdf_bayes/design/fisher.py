@@ -65,7 +65,7 @@ def moved_sets(beliefs: Beliefs, x: Array) -> tuple[Array, Array]:
     p = beliefs.posterior
     z = p.to_coordinates(x)
     sd = np.sqrt(np.diag(beliefs.covariance))
-    moved, steps = [], []
+    moved = []
     for sign in (-1.0, 1.0):
         for column in p.of_model:
             there = z.copy()

@@ -41,16 +41,21 @@ class GainLaw:
 
 def hemispherical_values(posterior: Posterior, candidate: Candidate, x: Array) -> Array:
     """DHR or DDR of the model [1], shape (n_sets,)."""
-    theta_i, q = np.deg2rad(candidate.theta_i_deg), candidate.polarization
-    none, word = np.zeros(0), np.array([q])
-    geometry = prepare_geometry(
-        theta_i=none, theta_r=none, phi_r=none, polarization=np.zeros(0, np.str_),
-        dhr_theta_i=np.array([theta_i]), dhr_polarization=word,
-    )  # fmt: skip
-    values = posterior.predict(x, geometry)[1][:, 0]
+    values = _dhr(posterior, np.array([candidate.theta_i_deg]), candidate.polarization, x)[:, 0]
     if candidate.quantity == "ddr":
         values = values - specular_part(posterior, candidate, x)
     return np.asarray(values)
+
+
+def _dhr(posterior: Posterior, theta_i_deg: Array, polarization: str, x: Array) -> Array:
+    """DHR of one polarisation, shape (n_sets, n_angles)."""
+    none = np.zeros(0)
+    geometry = prepare_geometry(
+        theta_i=none, theta_r=none, phi_r=none, polarization=np.zeros(0, np.str_),
+        dhr_theta_i=np.deg2rad(theta_i_deg),
+        dhr_polarization=np.full(theta_i_deg.size, polarization),
+    )  # fmt: skip
+    return posterior.predict(x, geometry)[1]
 
 
 def specular_part(posterior: Posterior, candidate: Candidate, x: Array) -> Array:
@@ -82,7 +87,7 @@ def gain_law(beliefs: Beliefs, polarization: str, sets: DrawnSets) -> GainLaw:
     precision, moment = np.full(n, 1.0 / u2), np.zeros(n)
     here = np.flatnonzero(p.measurement.dhr.polarization == polarization)
     if beliefs.measured and here.size:
-        model = p.predict(sets.x)[1][:, here]
+        model = _dhr(p, p.measurement.dhr.theta_i_deg[here], polarization, sets.x)
         stated = rows.dhr_u2[here]
         variance = np.where(stated >= 0.0, stated, sets.dhr_variance[:, None])
         precision = precision + np.sum(model**2 / variance, axis=1)

@@ -30,6 +30,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_TINY = 1e-300
+
 
 @dataclass(frozen=True, eq=False)
 class PairTable:
@@ -145,28 +147,45 @@ def information_terms(
     """
     n = others.shape[1]
     every = np.concatenate([own[:, None], others], axis=1).astype(np.float64)
-    share = np.ones(every.shape)
+    log_share = np.zeros(every.shape)
     if log_weights is not None:
-        share[:, 1:] = n * np.exp(log_weights)
-    top = every.max(axis=1, keepdims=True)
-    weights = share * np.exp(every - top)
-    total = weights.sum(axis=1, keepdims=True)
-    weights /= total
-    of_all = share.sum(axis=1, keepdims=True)
-    log_total = np.log(total) + top
-    finite = np.where(weights > 0.0, every, 0.0)
-    mean = np.sum(weights * finite, axis=1)
-    low = mean - (log_total - np.log(of_all))[:, 0]
-    rest = np.log1p(-np.minimum(weights, 0.5)) + log_total
+        log_share[:, 1:] = np.log(n) + log_weights
+    return bracket(every, log_share, np.exp(log_share))
+
+
+def bracket(log_density: Array, log_share: Array, counted: Array) -> tuple[Array, Array, Array]:
+    """Both estimates from all draws of a reading, the one that it came from among them.
+
+    Parameters
+    ----------
+    log_density : ndarray, shape (n_outer, n)
+        Of the reading under each draw.
+    log_share : ndarray, shape (n_outer, n)
+        Of the law of the parameters over that of the draws.
+    counted : ndarray, shape (n_outer, n)
+        What each draw counts in the mean of shares times densities: its share, or 1 where the
+        shares are normalised.
+
+    Returns
+    -------
+    tuple of ndarray, shapes (n_outer,), (n_outer,) and (n_outer, n)
+        Contrastive and nested estimate, and the weights of the draws after the reading.
+    """
+    joint = log_density + log_share
+    total = np.logaddexp.reduce(joint, axis=1, keepdims=True)
+    weights = np.exp(joint - total)
+    of_all = counted.sum(axis=1, keepdims=True)
+    mean = np.sum(weights * np.where(weights > 0.0, log_density, 0.0), axis=1)
+    low = mean - (total - np.log(of_all))[:, 0]
+    rest = total + np.log1p(-np.minimum(weights, 0.5))
     heavy = np.flatnonzero(weights.max(axis=1) > 0.5)
     if heavy.size:
         at = weights[heavy].argmax(axis=1)
-        left = every[heavy] + np.log(np.maximum(share[heavy], 1e-300))
+        left = joint[heavy]
         left[np.arange(heavy.size), at] = -np.inf
         rest[heavy, at] = np.logaddexp.reduce(left, axis=1)
-    high = mean - np.sum(
-        weights * (rest - np.log(of_all - np.minimum(share, of_all - 1e-300))), axis=1
-    )
+    others = np.log(np.maximum(of_all - counted, _TINY))
+    high = mean - np.sum(np.where(weights > 0.0, weights * (rest - others), 0.0), axis=1)
     return low, high, weights
 
 

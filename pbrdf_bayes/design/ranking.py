@@ -36,11 +36,6 @@ class Ranking:
     tied: NDArray[np.bool_]
     pareto: NDArray[np.bool_]
 
-    @property
-    def best(self) -> int:
-        """Index of the best candidate."""
-        return int(np.argmax(self.value))
-
 
 def rank(terms: Array, minutes: Array, *, per_minute: bool, seed: int) -> Ranking:
     """Rank candidates by their mean contributions.

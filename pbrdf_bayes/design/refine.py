@@ -31,8 +31,9 @@ from pbrdf_bayes.design.hemispherical import (
     hemispherical_log_likelihoods,
     hemispherical_values,
 )
-from pbrdf_bayes.design.nested import Gain
+from pbrdf_bayes.design.nested import Gain, bracket
 from pbrdf_bayes.design.scans import draw_scans, law_of_rows, plan_scan, scan_log_likelihoods
+from pbrdf_bayes.inference.importance import effective_size, tempered_weights
 from pbrdf_bayes.inference.mixture import Mixture, fit_mixture
 
 Array = NDArray[np.float64]
@@ -195,18 +196,9 @@ def _terms(
     density, likelihood = of(z)
     share = density - level - mixture.log_density(z)
     at_own = of(own[None])[0][0] - level - mixture.log_density(own[None])[0]
-    log_p = np.append(likelihood, own_likelihood)
-    joint = np.append(share + likelihood, at_own + own_likelihood)
-    total = np.logaddexp.reduce(joint)
-    weights = np.exp(joint - total)
-    mean = float(np.sum(weights * log_p))
-    rest = total + np.log1p(-np.minimum(weights, 0.5))
-    heavy = int(np.argmax(weights))
-    if weights[heavy] > 0.5:
-        rest[heavy] = np.logaddexp.reduce(np.delete(joint, heavy))
-    low = mean - float(total - np.log(n + 1.0))
-    high = mean - float(np.sum(np.where(weights > 0.0, weights * (rest - np.log(n)), 0.0)))
-    return low, high, float(1.0 / np.sum(weights**2))
+    log_p = np.append(likelihood, own_likelihood)[None]
+    low, high, weights = bracket(log_p, np.append(share, at_own)[None], np.ones(log_p.shape))
+    return float(low[0]), float(high[0]), float(1.0 / np.sum(weights**2))
 
 
 def _adapted(of: Density, start: Array, rng: np.random.Generator) -> Mixture:
@@ -230,18 +222,11 @@ def _adapted(of: Density, start: Array, rng: np.random.Generator) -> Mixture:
         if not inside.any():
             return proposals[-1]
         last = log_weights[-_ROUND_SIZE:]
-        if _effective(last[np.isfinite(last)]) > _GOOD_SHARE * _ROUND_SIZE:
+        if effective_size(last) > _GOOD_SHARE * _ROUND_SIZE:
             break
         proposals.append(_fitted(every[inside], log_weights[inside], 1, rng))
     fitted = _fitted(every[inside], log_weights[inside], _COMPONENTS, rng)
     return fitted.widened(_LAST_WIDENING)
-
-
-def _effective(log_weights: Array) -> float:
-    if not log_weights.size:
-        return 0.0
-    weights = np.exp(log_weights - log_weights.max())
-    return float(weights.sum() ** 2 / np.sum(weights**2))
 
 
 def _fitted(
@@ -249,13 +234,7 @@ def _fitted(
 ) -> Mixture:
     """Mixture fitted with the largest power of the weights that leaves enough effective points."""
     needed = min(_FEWEST * points.shape[1], 0.5 * len(points))
-    power = 1.0
-    while True:
-        weights = np.exp(power * (log_weights - log_weights.max()))
-        weights /= weights.sum()
-        if power < 1e-4 or 1.0 / np.sum(weights**2) >= needed:
-            break
-        power *= 0.7
+    weights, power = tempered_weights(log_weights, needed)
     if n_components > 1 and power == 1.0:
         return fit_mixture(points, weights, n_components, rng)
     centre = weights @ points
@@ -263,7 +242,7 @@ def _fitted(
     covariance = (weights[:, None] * away).T @ away
     covariance[np.diag_indices_from(covariance)] *= 1.0 + 1e-6
     covariance[np.diag_indices_from(covariance)] += 1e-14
-    factor = _WIDENING * np.linalg.cholesky(covariance)
+    factor = np.asarray(_WIDENING * np.linalg.cholesky(covariance), dtype=np.float64)
     return Mixture(centre[None], factor[None], np.ones(1))
 
 

@@ -18,10 +18,8 @@ from numpy.typing import NDArray
 from pbrdf_bayes.design.beliefs import Beliefs, DrawnSets
 from pbrdf_bayes.design.candidates import Candidate
 from pbrdf_bayes.design.pairs import matched_log_likelihoods, pair_log_likelihoods
-from pbrdf_bayes.inference.correlated import group_gradient
 from pbrdf_bayes.inference.discrepancy import Process, draw_prior_discrepancy
-from pbrdf_bayes.inference.groups import prepare_groups, set_variances, workspace
-from pbrdf_bayes.inference.matern import MISSING
+from pbrdf_bayes.inference.discrepancy_paths import draw_paths_given
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.residuals import floored
 from pbrdf_bayes.measurement import Scan
@@ -31,6 +29,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _TINY = 1e-280
+_LEAST_SHARE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,64 +174,31 @@ def draw_scans(beliefs: Beliefs, planned: PlannedScan, law: RowLaw, *, seed: int
     u_cal = float(np.sqrt(p.rows.u_cal2))
     new, theta_r = planned.new, planned.theta_r_deg
     n = int(new.sum())
-    zeros = np.zeros(n, dtype=np.int64)
     result = np.repeat(planned.y[:, None], len(law.sets), axis=1)
-    conditional = None if new.all() else _Conditional(planned, rough=rough, u_cal=u_cal)
-    for i in range(len(law.sets)):
-        rng = np.random.default_rng([seed, 22, i])
-        noise, gain = rng.standard_normal(n), u_cal * rng.standard_normal()
-        process = Process(float(law.sets.tau[i]), float(law.sets.ell_deg[i]), u_cal, rough=rough)
-        path = np.zeros(n)
-        if process.tau > 0.0 and conditional is not None:
-            path = conditional.draw(process, law, i, rng)
-        elif process.tau > 0.0:
-            path = draw_prior_discrepancy(process, rng, theta_r_deg=theta_r, group=zeros)
-        result[new, i] = (
-            law.mean[i, new] + law.share[i, new] * (gain + path)
-            + np.sqrt(law.variance[i, new]) * noise
+    rngs = [np.random.default_rng([seed, 22, i]) for i in range(len(law.sets))]
+    noise = np.stack([rng.standard_normal(n) for rng in rngs])
+    gain = u_cal * np.array([[rng.standard_normal()] for rng in rngs])
+    processes = [
+        Process(float(tau), float(ell), u_cal, rough=rough)
+        for tau, ell in zip(law.sets.tau, law.sets.ell_deg, strict=True)
+    ]
+    old = ~new
+    if old.any():
+        h = np.maximum(law.share[:, old], _LEAST_SHARE)
+        paths = draw_paths_given(
+            processes, rngs, read_deg=theta_r[old], scan=planned.scan[old],
+            residual=(planned.y[old] - law.mean[:, old]) / h,
+            variance=law.variance[:, old] / h**2, wanted_deg=theta_r[new],
         )  # fmt: skip
+    else:
+        zeros = np.zeros(n, dtype=np.int64)
+        paths = np.stack([
+            draw_prior_discrepancy(process, rng, theta_r_deg=theta_r, group=zeros)
+            for process, rng in zip(processes, rngs, strict=True)
+        ])  # fmt: skip
+    drawn = law.mean[:, new] + law.share[:, new] * (gain + paths)
+    result[new] = (drawn + np.sqrt(law.variance[:, new]) * noise).T
     return result
-
-
-class _Conditional:
-    """Draws of the discrepancy at new rows given the old ones, see `draw_discrepancy`.
-
-    The order of the rows is that of all draws: it is prepared once.
-    """
-
-    def __init__(self, planned: PlannedScan, *, rough: bool, u_cal: float) -> None:
-        self._planned, self._u_cal = planned, u_cal
-        self._old = ~planned.new
-        self._n_old = int(self._old.sum())
-        angles = planned.theta_r_deg
-        self._angles = np.concatenate([angles[self._old], angles[planned.new]])
-        self._group = np.zeros(angles.size, dtype=np.int64)
-        scan = np.concatenate(
-            [planned.scan[self._old], np.zeros(angles.size - self._n_old, np.int64)]
-        )
-        self._groups = prepare_groups(self._angles, self._group, scan, rough=rough)
-        self._work = workspace(self._groups, True)
-        self._base = np.zeros(self._groups.size.size)
-
-    def draw(self, process: Process, law: RowLaw, i: int, rng: np.random.Generator) -> Array:
-        planned, old, n = self._planned, self._old, self._n_old
-        h = np.maximum(law.share[i, old], 1e-6)
-        variance = law.variance[i, old] / h**2
-        path = draw_prior_discrepancy(process, rng, theta_r_deg=self._angles, group=self._group)
-        gain = self._u_cal * rng.standard_normal(int(planned.scan.max()))[planned.scan[old]]
-        simulated = path[:n] + gain + np.sqrt(variance) * rng.standard_normal(n)
-        left = (planned.y[old] - law.mean[i, old]) / h - simulated
-        wanted = self._angles.size - n
-        set_variances(
-            self._groups, self._work, np.concatenate([variance, np.full(wanted, MISSING)])
-        )
-        out = np.empty((4, self._angles.size))
-        padded = np.concatenate([left, np.zeros(wanted)])
-        group_gradient(
-            self._groups, self._work, padded, self._base, process.u_cal**2, process.tau,
-            process.ell, out,
-        )  # fmt: skip
-        return np.asarray(path[n:] + out[2, n:])
 
 
 def scan_log_likelihoods(

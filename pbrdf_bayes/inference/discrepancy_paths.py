@@ -6,7 +6,7 @@ order once, and only amplitude, length, noise and residuals change from draw to 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,8 @@ Index = NDArray[np.int64]
 
 
 def draw_paths_given(
-    processes: Sequence[Process], rng: np.random.Generator, *, read_deg: Array, scan: Index,
-    residual: Array, variance: Array, wanted_deg: Array,
+    processes: Sequence[Process], rngs: Iterable[np.random.Generator], *, read_deg: Array,
+    scan: Index, residual: Array, variance: Array, wanted_deg: Array,
 ) -> Array:  # fmt: skip
     """Draws of the discrepancy of one group of scans, given their residuals.
 
@@ -30,7 +30,8 @@ def draw_paths_given(
     ----------
     processes : sequence of Process, length n_draws
         All of one roughness.
-    rng : numpy.random.Generator
+    rngs : iterable of numpy.random.Generator
+        One for each draw; the same one again and again will do.
     read_deg : ndarray, shape (n_rows,)
         Scattering angles of the readings [deg].
     scan : ndarray of int, shape (n_rows,)
@@ -58,7 +59,7 @@ def draw_paths_given(
     base, out = np.zeros(groups.size.size), np.empty((4, angle.size))
     padded, missing = np.zeros(angle.size), np.full(n, MISSING)
     paths = np.empty((len(processes), n))
-    for i, process in enumerate(processes):
+    for i, (process, rng) in enumerate(zip(processes, rngs, strict=False)):
         path = draw_prior_discrepancy(process, rng, theta_r_deg=angle, group=group)
         gain = process.u_cal * rng.standard_normal(int(number.max()) + 1)
         noise = np.sqrt(variance[i]) * rng.standard_normal(n_read)

@@ -105,19 +105,20 @@ def adapt_mixture(
         every = np.concatenate(points)
         density = np.logaddexp.reduce([q.log_density(every) for q in proposals], axis=0)
         log_weights = np.concatenate(values) - density
-        if _effective(log_weights[-_ROUND_SIZE:], 1.0) > good_share * _ROUND_SIZE:
+        if effective_size(log_weights[-_ROUND_SIZE:]) > good_share * _ROUND_SIZE:
             break
         if not np.isfinite(log_weights).any():
             return start
         inside = np.isfinite(log_weights)
-        weights = _tempered_weights(log_weights[inside], every.shape[1])
+        weights, _ = tempered_weights(log_weights[inside], _FEWEST_EFFECTIVE * every.shape[1])
         fitted = fit_mixture(every[inside], weights, n_components, rng)
         lone = len(start.weights) == 1
         proposals.append(fitted if lone else fitted.joined(proposals[0], OPTIMA_SHARE))
     return proposals[-1]
 
 
-def _effective(log_weights: Array, power: float) -> float:
+def effective_size(log_weights: Array, power: float = 1.0) -> float:
+    """Effective number of draws with weights raised to a power; those of -inf count nothing."""
     finite = log_weights[np.isfinite(log_weights)]
     if not finite.size:
         return 0.0
@@ -125,13 +126,21 @@ def _effective(log_weights: Array, power: float) -> float:
     return float(weights.sum() ** 2 / np.sum(weights**2))
 
 
-def _tempered_weights(log_weights: Array, n_par: int) -> Array:
-    """Normalised weights to the largest power that leaves enough effective points for a fit."""
+def tempered_weights(log_weights: Array, fewest: float) -> tuple[Array, float]:
+    """Normalised weights to the largest power that leaves enough effective points, and the power.
+
+    Parameters
+    ----------
+    log_weights : ndarray, shape (n,)
+        Finite.
+    fewest : float
+        Effective points that a fit needs.
+    """
     power = 1.0
-    while power > 1e-3 and _effective(log_weights, power) < _FEWEST_EFFECTIVE * n_par:
+    while power > 1e-3 and effective_size(log_weights, power) < fewest:
         power *= 0.8
     weights = np.exp(power * (log_weights - log_weights.max()))
-    return np.asarray(weights / weights.sum())
+    return np.asarray(weights / weights.sum()), power
 
 
 def importance_sample(

@@ -9,11 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pbrdf_bayes.inference.priors import Prior
+if TYPE_CHECKING:
+    from pbrdf_bayes.inference.priors import Prior
 
 Array = NDArray[np.float64]
 
@@ -45,7 +47,7 @@ class PriorTable:
     def log_density(self, x: Array) -> Array:
         """Sum of the log-densities over the parameters, shape (n_sets,), of x (n_sets, n_par).
 
-        The same to the last bit as that of each `Prior.log_density`.
+        -inf outside the support; zero for a fixed parameter at its value.
         """
         values = np.ascontiguousarray(x.T)
         inside = (values >= self.low) & (values <= self.high)
@@ -73,6 +75,7 @@ def tabulate(priors: Sequence[Prior]) -> PriorTable:
 
     Examples
     --------
+    >>> from pbrdf_bayes.inference.priors import Prior
     >>> priors = [Prior(kind="uniform", low=0.0, high=2.0), Prior(kind="fixed", low=0.0, high=1.0)]
     >>> tabulate(priors).log_density(np.array([[1.0, 0.0], [3.0, 0.0]])).round(3).tolist()
     [-0.693, -inf]

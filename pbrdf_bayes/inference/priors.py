@@ -14,6 +14,7 @@ from scipy.special import ndtr, ndtri
 
 from pbrdf_bayes.config import did_you_mean
 from pbrdf_bayes.errors import ConfigError
+from pbrdf_bayes.inference.prior_table import tabulate
 from pbrdf_bayes.model import DOMAIN
 
 Array = NDArray[np.float64]
@@ -80,29 +81,8 @@ class Prior:
 
         Zero at the value where there is only one.
         """
-        if self.kind == "fixed":
-            return np.where(values == self.mean, 0.0, -np.inf)
-        inside = (values >= self.low) & (values <= self.high)
-        safe = np.where(
-            inside, values, 0.5 * (self.low + self.high) if isfinite(self.high) else 1.0
-        )
-        v = np.log(safe) if self.is_log else safe
-        density = np.full(values.shape, self.log_norm)
-        if self.is_normal:
-            density -= 0.5 * ((v - self.mean) / self.sd) ** 2
-        if self.is_log:
-            density -= v
-        return np.where(inside, density, -np.inf)
-
-    def slope(self, values: Array) -> Array:
-        """Derivative of the log-density by the value; 0 outside the support."""
-        if self.kind == "fixed":
-            return np.zeros(values.shape)
-        inside = (values >= self.low) & (values <= self.high) & ((values > 0.0) | (not self.is_log))
-        safe = np.where(inside, values, 1.0)
-        v = np.log(safe) if self.is_log else safe
-        by_v = -(v - self.mean) / self.sd**2 if self.is_normal else np.zeros(values.shape)
-        return np.where(inside, (by_v - 1.0) / safe if self.is_log else by_v, 0.0)
+        column = np.reshape(values, (-1, 1))
+        return tabulate([self]).log_density(column).reshape(np.shape(values))
 
     def quantile(self, probability: Array) -> Array:
         """Value at a cumulative probability."""

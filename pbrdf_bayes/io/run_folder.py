@@ -8,7 +8,7 @@ import json
 import os
 import re
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from functools import cache
 from importlib import resources
@@ -66,6 +66,38 @@ def new_run_folder(root: Path, sample: str) -> Path:
         folder = folder.with_name(f"{stamp}-{number}")
         number += 1
     return folder
+
+
+def refuse_other_content(
+    folder: Path, *, known: Iterable[str] = (), any_of: bool = False, what: str, remedy: str
+) -> None:
+    """Refuse a file, or a folder with visible content that does not belong there.
+
+    Parameters
+    ----------
+    folder : Path
+        Where something is to be written.
+    known : iterable of str
+        Names that may be there; with ``any_of`` one of them makes all others welcome.
+    what : str
+        What ``folder`` is for.
+    remedy : str
+        What to do about content.
+
+    Raises
+    ------
+    RunFolderError
+    """
+    if folder.exists() and not folder.is_dir():
+        msg = f"{folder}: is a file; --out is {what}. Give another one"
+        raise RunFolderError(msg)
+    present = sorted(p.name for p in folder.iterdir()) if folder.is_dir() else []
+    visible = [name for name in present if not name.startswith(".")]
+    strange = [name for name in visible if name not in set(known)]
+    if strange and not (any_of and len(strange) < len(visible)):
+        found = "holds something else" if known else "not empty"
+        msg = f"{folder}: {found} ({', '.join(strange[:3])}). {remedy}"
+        raise RunFolderError(msg)
 
 
 def is_finished(folder: Path) -> bool:

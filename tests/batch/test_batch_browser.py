@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +10,6 @@ import pytest
 from pbrdf_bayes.batch.index import write_index
 
 pytestmark = pytest.mark.browser
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
 
 def parameter(symbol: str, mean: float, sd: float) -> dict[str, Any]:
@@ -45,21 +41,6 @@ def index(tmp_path_factory: pytest.TempPathFactory) -> Path:
     verdicts = ["PASS", "WARN", "PASS", None, "FAIL", "PASS", "PASS"]
     write_index(folder, [row(i, v) for i, v in enumerate(verdicts, start=1)], n_samples=7)
     return folder / "index.html"
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    path = next((found for name in BROWSERS if (found := shutil.which(name))), None)
-    if path is None:
-        pytest.skip(f"no browser found: looked for {', '.join(BROWSERS)}")
-    as_root = hasattr(os, "geteuid") and os.geteuid() == 0
-    with sync_api.sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(
-            executable_path=path, args=["--no-sandbox"] if as_root else []
-        )
-        yield chromium
-        chromium.close()
 
 
 def shown(page: Any) -> list[str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import repeat
+
 import numpy as np
 import pytest
 
@@ -23,7 +25,7 @@ def test_mean_and_covariance_of_the_paths(u_cal: float) -> None:
     residual = np.array([0.1, 0.05, -0.06, -0.02, 0.03, 0.12, -0.02, 0.05])
     n = 20_000
     paths = draw_paths_given(
-        [Process(tau, ell, u_cal)] * n, np.random.default_rng(5), read_deg=read, scan=scan,
+        [Process(tau, ell, u_cal)] * n, repeat(np.random.default_rng(5)), read_deg=read, scan=scan,
         residual=np.tile(residual, (n, 1)), variance=np.full((n, read.size), s**2),
         wanted_deg=wanted,
     )  # fmt: skip
