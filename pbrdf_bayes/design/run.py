@@ -16,6 +16,7 @@ from pbrdf_bayes.design.beliefs import Beliefs
 from pbrdf_bayes.design.candidates import Candidate, was_measured
 from pbrdf_bayes.design.evaluate import Evaluated, Stage, evaluate, linear_gains, set_stage
 from pbrdf_bayes.design.goals import Goal, goal_values
+from pbrdf_bayes.design.nested import Gain
 from pbrdf_bayes.design.ranking import Ranking, rank
 from pbrdf_bayes.design.refine import refined_gain, with_refined
 from pbrdf_bayes.errors import ConfigError
@@ -167,8 +168,7 @@ def design_measurements(
         batch = greedy_batch(stage, with_tables, minutes=wanted.minutes, most=wanted.batch)
         pairs = best_pair(stage, with_tables, minutes=wanted.minutes) if wanted.batch > 1 else None
         told("combining", 1, 1)
-    n_terms = min(e.gain.terms.size for e in evaluated)
-    terms = np.array([e.gain.terms[:n_terms] for e in evaluated])
+    terms = _common_terms([e.gain for e in evaluated])
     measurement = beliefs.posterior.measurement
     return DesignResult(
         evaluated=evaluated,
@@ -217,6 +217,15 @@ def _refined(
     )  # fmt: skip
     kept = [i for i in range(len(evaluated)) if i in finer or not wide[i]]
     return chosen[kept], tuple(finer.get(i, evaluated[i]) for i in kept)
+
+
+def _common_terms(gains: Sequence[Gain]) -> Array:
+    """Contributions of the readings that all gains share, about the mean over all of each.
+
+    Tier 2 has fewer readings than tier 1.
+    """
+    n = min(g.terms.size for g in gains)
+    return np.array([g.terms[:n] - g.terms[:n].mean() + g.eig for g in gains])
 
 
 def _promising(level: Array, minutes: Array, most: int) -> NDArray[np.int64]:

@@ -124,7 +124,7 @@ def shrinkage_picture(rows: Sequence[Record], sd_before: Mapping[str, Any]) -> M
         y = np.arange(len(rows))
         for i, name in enumerate(names):
             box = (left + i * each, 36.0, each - 18.0, row_height * len(rows))
-            axes = _place(figure, (width, height), box, _symbol(name))
+            axes = _place(figure, (width, height), box, _symbol(name), beside=0.0)
             axes.set_xlim(0.0, 1.08)
             axes.set_ylim(len(rows) - 0.5, -0.5)
             axes.set_xticks([0.0, 0.5, 1.0], ["0", "50 %", "100 %"])
@@ -157,15 +157,17 @@ def _symbol(name: str) -> str:
 
 def _axes(width: float, height: float, box: tuple[float, ...], title: str) -> Axes:
     figure = _figure(width, height)
-    return _place(figure, (width, height), box, title)
+    return _place(figure, (width, height), box, title, beside=box[0] - 2.0)
 
 
 def _figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width / 72, height / 72), dpi=72)
 
 
-def _place(figure: Figure, size: tuple[float, float], box: tuple[float, ...], title: str) -> Axes:
-    """Axes in a box of pixels in the manner of the other figures of a report."""
+def _place(
+    figure: Figure, size: tuple[float, float], box: tuple[float, ...], title: str, *, beside: float
+) -> Axes:  # fmt: skip
+    """Axes in a box of pixels; the title begins so many pixels to the left of them."""
     (width, height), (left, bottom, wide, high) = size, box
     axes = figure.add_axes((left / width, bottom / height, wide / width, high / height))
     for side in ("top", "right", "left"):
@@ -176,7 +178,6 @@ def _place(figure: Figure, size: tuple[float, float], box: tuple[float, ...], ti
     axes.yaxis.set_major_formatter(FuncFormatter(_plain))
     axes.grid(color=GRID, linewidth=0.8)
     axes.set_axisbelow(True)
-    beside = 0.0 if wide < 200 else left - 2.0
     axes.annotate(
         title, (0, 1), xycoords="axes fraction", textcoords="offset points",
         xytext=(-beside, 10), fontsize=_TEXT, color=INK,
