@@ -9,7 +9,7 @@ from pbrdf_bayes.config import AUTO, RunConfig
 from pbrdf_bayes.effects import EFFECT_DOMAIN
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.inference.parameter_spec import ParameterSpec
-from pbrdf_bayes.inference.priors import Prior
+from pbrdf_bayes.inference.prior_density import Prior
 from pbrdf_bayes.physics.scene import NULL, Scene, make_scene
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pbrdf_bayes.inference.priors import Prior
+from pbrdf_bayes.inference.prior_density import Prior
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,8 @@ from pbrdf_bayes.config import RunConfig, did_you_mean
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.inference.effect_parameters import effect_specs
 from pbrdf_bayes.inference.parameter_spec import ParameterSpec
-from pbrdf_bayes.inference.priors import NOISE_PRIORS, PRESETS, Prior, prior_from_table
+from pbrdf_bayes.inference.prior_density import Prior
+from pbrdf_bayes.inference.priors import NOISE_PRIORS, PRESETS, prior_from_table
 from pbrdf_bayes.measurement import Measurement
 
 Array = NDArray[np.float64]

@@ -26,7 +26,7 @@ from pbrdf_bayes.inference.filtered_likelihood import (
 from pbrdf_bayes.inference.likelihood import iid_gradient, iid_log_likelihood
 from pbrdf_bayes.inference.parameter_spec import ParameterSpec
 from pbrdf_bayes.inference.parameters import parameter_specs
-from pbrdf_bayes.inference.prior_table import PriorTable, tabulate
+from pbrdf_bayes.inference.prior_density import PriorTable, tabulate
 from pbrdf_bayes.inference.rows import RELATIVE_SCALE, Rows, prepare_rows
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.model import digits_of

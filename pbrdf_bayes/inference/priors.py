@@ -1,121 +1,17 @@
-"""Prior densities of one parameter, and the presets for the physical ones."""
+"""Priors of the parameters: presets of the physical ones, and those the user gives."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from math import isfinite, log, pi, sqrt
+from math import log
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri
 
 from pbrdf_bayes.config import did_you_mean
 from pbrdf_bayes.errors import ConfigError
-from pbrdf_bayes.inference.prior_table import tabulate
+from pbrdf_bayes.inference.prior_density import Prior
 from pbrdf_bayes.model import DOMAIN
 
-Array = NDArray[np.float64]
-
 _SPARE = 1e-9
-
-
-@dataclass(frozen=True, kw_only=True)
-class Prior:
-    """A truncated normal, log-normal, uniform or log-uniform density on [low, high], or one value.
-
-    Attributes
-    ----------
-    kind : {"normal", "lognormal", "uniform", "loguniform", "fixed"}
-    mean, sd : float
-        Of the value (normal) or of its natural logarithm (lognormal), before truncation; ``mean``
-        is the value where it is fixed.
-    low, high : float
-        Support.
-    """
-
-    kind: str
-    low: float
-    high: float
-    mean: float = 0.0
-    sd: float = 1.0
-
-    @property
-    def is_log(self) -> bool:
-        """The density is simple in the logarithm of the value."""
-        return self.kind in ("lognormal", "loguniform")
-
-    @property
-    def is_normal(self) -> bool:
-        """The density is normal in the value or in its logarithm."""
-        return self.kind in ("normal", "lognormal")
-
-    @cached_property
-    def _limits(self) -> tuple[float, float]:
-        """Support in the variable where the density is normal or uniform."""
-        low, high = (self.low, self.high)
-        if self.is_log:
-            low = log(low) if low > 0.0 else -np.inf
-            high = log(high) if isfinite(high) else np.inf
-        return low, high
-
-    @cached_property
-    def cdf_limits(self) -> tuple[float, float]:
-        """Cumulative probabilities of the support before truncation (normal kinds)."""
-        low, high = self._limits
-        return float(ndtr((low - self.mean) / self.sd)), float(ndtr((high - self.mean) / self.sd))
-
-    @cached_property
-    def log_norm(self) -> float:
-        """Natural log of the factor that makes it integrate to 1 (not of a fixed value)."""
-        low, high = self._limits
-        if not self.is_normal:
-            return -log(high - low)
-        a, b = self.cdf_limits
-        return -log(self.sd * sqrt(2.0 * pi)) - log(b - a)
-
-    def log_density(self, values: Array) -> Array:
-        """Natural log of the normalised density; -inf outside the support.
-
-        Zero at the value where there is only one.
-        """
-        column = np.reshape(values, (-1, 1))
-        return tabulate([self]).log_density(column).reshape(np.shape(values))
-
-    def quantile(self, probability: Array) -> Array:
-        """Value at a cumulative probability."""
-        if self.kind == "fixed":
-            return np.full(np.shape(probability), self.mean)
-        low, high = self._limits
-        if self.is_normal:
-            a, b = self.cdf_limits
-            v = self.mean + self.sd * ndtri(a + (b - a) * probability)
-        else:
-            v = low + (high - low) * probability
-        return np.clip(np.exp(v) if self.is_log else v, self.low, self.high)
-
-    @cached_property
-    def standard_deviation(self) -> float:
-        """Standard deviation, by the midpoint rule over 20 000 quantiles."""
-        grid = (np.arange(20_000) + 0.5) / 20_000
-        return float(np.std(self.quantile(grid)))
-
-    def describe(self) -> str:
-        """The prior in words, as the report prints it."""
-        support = f"[{self.low:g}, {self.high:g}]"
-        if self.kind == "fixed":
-            return f"fixed at {self.mean:g}"
-        if self.kind == "uniform":
-            return f"Uniform{support}"
-        if self.kind == "loguniform":
-            return f"LogUniform{support}"
-        if self.kind == "lognormal":
-            return f"LogNormal(median {np.exp(self.mean):.3g}, factor {np.exp(self.sd):.3g})"
-        if self.mean == 0.0 and self.low == 0.0:
-            return f"HalfNormal({self.sd:g})"
-        return f"Normal({self.mean:g}, {self.sd:g}) on {support}"
 
 
 def _in_domain(name: str, kind: str, mean: float = 0.0, sd: float = 1.0, **limits: float) -> Prior:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import pbrdf_bayes as pb
 from pbrdf_bayes.inference.parameters import ParameterSpec
 from pbrdf_bayes.inference.posterior import Posterior
-from pbrdf_bayes.inference.priors import Prior
+from pbrdf_bayes.inference.prior_density import Prior
 from pbrdf_bayes.measurement import Measurement, measurement_from_columns
 from pbrdf_bayes.simulate import simulate_measurement
 

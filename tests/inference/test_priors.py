@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from scipy import integrate, stats
 
 from pbrdf_bayes.errors import ConfigError
-from pbrdf_bayes.inference.priors import NOISE_PRIORS, PRESETS, Prior, prior_from_table
+from pbrdf_bayes.inference.prior_density import Prior
+from pbrdf_bayes.inference.priors import NOISE_PRIORS, PRESETS, prior_from_table
 
 ALL = {
     f"{preset}.{name}": prior for preset, table in PRESETS.items() for name, prior in table.items()

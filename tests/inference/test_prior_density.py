@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pbrdf_bayes.inference.prior_table import tabulate
-from pbrdf_bayes.inference.priors import NOISE_PRIORS, PRESETS, Prior
+from pbrdf_bayes.inference.prior_density import Prior, tabulate
+from pbrdf_bayes.inference.priors import NOISE_PRIORS, PRESETS
 
 FIXED = Prior(kind="fixed", mean=0.25, low=0.0, high=1.0)
 PRIORS = [*PRESETS["paint"].values(), *PRESETS["metal"].values(), *NOISE_PRIORS.values(), FIXED]
