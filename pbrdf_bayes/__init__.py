@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from pbrdf_bayes.config import RunConfig
     from pbrdf_bayes.data_checks import check_measurement
     from pbrdf_bayes.design.candidates import Candidate, Costs
+    from pbrdf_bayes.diffuse_directional import ddr
     from pbrdf_bayes.effects import Effects
     from pbrdf_bayes.errors import (
         ConfigError,
@@ -71,6 +72,7 @@ _HOME = {
     "brdf": "model",
     "build_posterior": "inference.posterior",
     "check_measurement": "data_checks",
+    "ddr": "diffuse_directional",
     "degree_of_linear_polarization": "polarimetry",
     "design_next": "next_measurement",
     "dhr": "model",
@@ -116,6 +118,7 @@ __all__ = [
     "brdf",
     "build_posterior",
     "check_measurement",
+    "ddr",
     "degree_of_linear_polarization",
     "design_next",
     "dhr",

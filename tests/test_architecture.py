@@ -27,6 +27,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "simulate",
         "polarimetry",
         "reciprocity",
+        "diffuse_directional",
         "scene_prediction",
         "specification",
         "document",

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.diffuse_directional import PORT_RANGE_DEG
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.measurement import Measurement, name_direction
 from pbrdf_bayes.model import MAX_THETA_I_DEG
@@ -15,7 +16,6 @@ from pbrdf_bayes.model import MAX_THETA_I_DEG
 QUANTITIES = ("brdf", "dhr", "ddr")
 POLARIZATIONS = ("s", "p", "u")
 MOST_READINGS = 2000
-_LARGEST_PORT_DEG = 45.0
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class Candidate:
             msg = f"{where}: theta_r_deg belongs to scans. Leave it out"
             raise ConfigError(msg)
         if self.quantity == "ddr":
-            _within(where, "port_deg", self.port_deg, 0.1, _LARGEST_PORT_DEG)
+            _within(where, "port_deg", self.port_deg, *PORT_RANGE_DEG)
         elif self.port_deg:
             msg = f"{where}: port_deg belongs to DDR. Leave it out"
             raise ConfigError(msg)

@@ -16,16 +16,14 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.design.beliefs import Beliefs, DrawnSets
 from pbrdf_bayes.design.candidates import Candidate
+from pbrdf_bayes.diffuse_directional import port_light
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.physics.geometry import prepare_geometry
-from pbrdf_bayes.physics.port import port_nodes
 
 Array = NDArray[np.float64]
 
 _LN_2PI = float(np.log(2.0 * np.pi))
-_PORT_WIDTH = 0.1
-_N_ALPHA, _N_BETA = 20, 12
-_NODES_AT_ONCE = 200_000
+_VALUES_AT_ONCE = 200_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,21 +58,21 @@ def _dhr(posterior: Posterior, theta_i_deg: Array, polarization: str, x: Array) 
 
 def specular_part(posterior: Posterior, candidate: Candidate, x: Array) -> Array:
     """Light inside the port about the specular direction [1], shape (n_sets,)."""
-    theta_i, q = np.deg2rad(candidate.theta_i_deg), candidate.polarization
-    width = _PORT_WIDTH * float(x[:, 3].min())
-    theta_r, phi_r, weight = port_nodes(
-        float(theta_i), float(np.deg2rad(candidate.port_deg)), width,
-        n_alpha=_N_ALPHA, n_beta=_N_BETA,
-    )  # fmt: skip
-    geometry = prepare_geometry(
-        theta_i=np.full(theta_r.size, theta_i), theta_r=theta_r, phi_r=phi_r,
-        polarization=np.full(theta_r.size, q), dhr_theta_i=np.zeros(0),
-        dhr_polarization=np.zeros(0, np.str_),
-    )  # fmt: skip
-    step = max(1, _NODES_AT_ONCE // theta_r.size)
-    parts = [posterior.predict(x[i : i + step], geometry)[0] @ weight
-             for i in range(0, len(x), step)]  # fmt: skip
-    return np.concatenate(parts)
+    names, q = posterior.parameter_names, candidate.polarization
+    narrowing = x[:, names.index("narrowing")] if "narrowing" in names else np.ones(len(x))
+
+    def light(theta_r: Array, phi_r: Array, weight: Array, sets: NDArray[np.int64]) -> Array:
+        geometry = prepare_geometry(
+            theta_i=np.full(theta_r.size, np.deg2rad(candidate.theta_i_deg)), theta_r=theta_r,
+            phi_r=phi_r, polarization=np.full(theta_r.size, q), dhr_theta_i=np.zeros(0),
+            dhr_polarization=np.zeros(0, np.str_),
+        )  # fmt: skip
+        step = max(1, _VALUES_AT_ONCE // theta_r.size)
+        parts = [posterior.predict(x[sets[i : i + step]], geometry)[0] @ weight
+                 for i in range(0, sets.size, step)]  # fmt: skip
+        return np.concatenate(parts)
+
+    return port_light(x[:, :4], narrowing, candidate.theta_i_deg, candidate.port_deg, light)
 
 
 def gain_law(beliefs: Beliefs, polarization: str, sets: DrawnSets) -> GainLaw:

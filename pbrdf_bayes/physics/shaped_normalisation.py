@@ -244,7 +244,7 @@ def _sum_piece(a: int, b: int, piece: int, found: Cumulative, ws: ShapedWorkspac
 
 
 @compiled()
-def _peak_width(inc: Incidence, surf: Surface, narrowing: float) -> float:
+def peak_width(inc: Incidence, surf: Surface, narrowing: float) -> float:
     """Half width [rad] of the narrower of the two peaks of A."""
     t_s, t_p = transmittances(inc.sine, inc.cosine, surf)
     width: float = surf.rho0 * (min(t_s, t_p) / surf.transmittance0) ** narrowing
@@ -258,7 +258,7 @@ def _find_centres(
     """Centres of the integral over t; returns their number."""
     half_pi, scale = 0.5 * pi, stretch(shaped.shape)
     rim = min(surf.rho0 * scale, inc.grazing)
-    peak = min(rim, scale * _peak_width(inc, surf, shaped.narrowing))
+    peak = min(rim, scale * peak_width(inc, surf, shaped.narrowing))
     n = add_centre(-half_pi, rim, 0, ws.centres)
     n = add_centre(half_pi, rim, n, ws.centres)
     n = add_centre(inc.theta, peak, n, ws.centres)
