@@ -68,9 +68,10 @@ test: ## the whole suite
 	$(call environment,test)
 	@"$(ENV_PYTHON)" -m pytest -n $(JOBS) --dist loadfile $(PYTEST_ARGS)
 
-validate: ## simulated studies of ranks and coverage (about half an hour); writes reports/calibration
+validate: ## simulated studies of ranks, coverage and designs (an hour); writes reports/calibration and design_loop
 	$(call environment,)
 	@"$(ENV_PYTHON)" -m pbrdf_bayes.validation
+	@"$(ENV_PYTHON)" -m pbrdf_bayes.validation.design_loop
 
 lint: ## ruff, its formatter and mypy --strict, changing nothing
 	$(call environment,dev)

@@ -12,11 +12,16 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TextIO
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes import __version__
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.design.beliefs import Beliefs, DrawnSets, beliefs_of_run, draw_sets
 from pbrdf_bayes.design.candidates import Candidate, Costs, list_candidates
@@ -29,12 +34,17 @@ from pbrdf_bayes.inference.laplace import laplace_mixture
 from pbrdf_bayes.inference.map_fit import find_map
 from pbrdf_bayes.inference.mixture import fit_mixture
 from pbrdf_bayes.inference.posterior import build_posterior
+from pbrdf_bayes.io.run_folder import write_text
 from pbrdf_bayes.measurement import Measurement, measurement_from_columns
 from pbrdf_bayes.model import Parameters
 from pbrdf_bayes.simulate import simulate_measurement
+from pbrdf_bayes.validation.loop_page import render_loop
+from pbrdf_bayes.validation.run import pool, say
 
 Array = NDArray[np.float64]
 
+DEFAULT_FOLDER = Path("reports") / "design_loop"
+N_TRUTHS = 24
 CONFIG = RunConfig(accuracy="draft", holdout=False, threads=1)
 SCAN = tuple(float(a) for a in range(-80, 81, 4))
 PAINTS: Mapping[str, Parameters] = {
@@ -56,6 +66,8 @@ CANDIDATES: tuple[Candidate, ...] = tuple(
 _MISFIT, _NOISE, _U_DHR = 0.03, 0.02, 0.001
 _COMPONENTS = 5
 _N_PROPOSALS, _N_DRAWS = 16_000, 4_000
+_N_BEFORE = 8
+"""Fits of the first measurement whose entropies are averaged: its error is in every drop."""
 
 
 def first_measurement(paint: str, *, seed: int) -> Measurement:
@@ -158,19 +170,41 @@ def _columns(m: Measurement) -> dict[str, Any]:
     }
 
 
-def realised_drops(
-    beliefs: Beliefs, candidates: Sequence[Candidate], *, n: int, seed: int
-) -> Array:
+@dataclass(frozen=True, eq=False)
+class Start:
+    """What is known of a paint before the next measurement.
+
+    Attributes
+    ----------
+    beliefs : Beliefs
+    entropy, u_entropy : float
+        Mean over independent fits of the same readings, and its standard error [nat].
+    """
+
+    beliefs: Beliefs
+    entropy: float
+    u_entropy: float
+
+
+def first_fit(paint: str, *, seed: int) -> Start:
+    """The first measurement of a paint, fitted several times."""
+    measurement = first_measurement(paint, seed=seed)
+    fits = [fitted(measurement, seed=seed + i) for i in range(_N_BEFORE)]
+    found = np.array([entropy(fit, seed=seed + i) for i, fit in enumerate(fits)])
+    return Start(fits[0], float(found.mean()), float(found.std(ddof=1) / np.sqrt(len(found))))
+
+
+def realised_drops(start: Start, candidates: Sequence[Candidate], *, n: int, seed: int) -> Array:
     """Drop of the entropy by measuring and fitting again, for n truths, shape (n,) [nat].
 
     Truths follow from the seed: the same ones for every candidate would share their luck.
     """
-    before = entropy(beliefs, seed=seed)
+    beliefs = start.beliefs
     truths = beliefs.x[np.random.default_rng([seed, 53]).choice(len(beliefs.x), n, replace=False)]
     drops = []
     for i, truth in enumerate(truths):
         after = fitted(measure(beliefs, candidates, truth, seed=1000 * seed + i), seed=seed + i)
-        drops.append(before - entropy(after, seed=seed))
+        drops.append(start.entropy - entropy(after, seed=seed + i))
     return np.array(drops)
 
 
@@ -193,17 +227,22 @@ def compare(
     list of dict
         ``eig``, ``se``, ``low``, ``high`` as promised, ``realised`` and ``realised_se`` [nat].
     """
-    beliefs = fitted(first_measurement(paint, seed=seed), seed=seed)
-    promised = design_measurements(beliefs, candidates, choices=_choices(seed))
+    start = first_fit(paint, seed=seed)
+    promised = design_measurements(start.beliefs, candidates, choices=_choices(seed))
     rows: list[dict[str, Any]] = []
     for e in promised.evaluated:
-        drops = realised_drops(beliefs, [e.candidate], n=n, seed=seed + 100 * (len(rows) + 1))
+        drops = realised_drops(start, [e.candidate], n=n, seed=seed + 100 * (len(rows) + 1))
         rows.append({
             "paint": paint, "candidate": e.candidate.label, "eig": e.gain.eig, "se": e.gain.se,
             "low": e.gain.low, "high": e.gain.high, "realised": float(drops.mean()),
-            "realised_se": float(drops.std(ddof=1) / np.sqrt(n)), "n": n,
+            "realised_se": _error_of(drops, start), "n": n,
         })  # fmt: skip
     return rows
+
+
+def _error_of(drops: Array, start: Start) -> float:
+    """Standard error of the mean drop, that of the entropy before included."""
+    return float(np.hypot(drops.std(ddof=1) / np.sqrt(drops.size), start.u_entropy))
 
 
 def _choices(seed: int) -> DesignChoices:
@@ -212,13 +251,13 @@ def _choices(seed: int) -> DesignChoices:
 
 def compare_grids(paint: str, *, n: int, seed: int) -> list[dict[str, Any]]:
     """Three scans chosen by the tool, evenly spread and at random: information realised."""
-    beliefs = fitted(first_measurement(paint, seed=seed), seed=seed)
+    start = first_fit(paint, seed=seed)
     options = list_candidates(
         quantities=("brdf",), polarizations=("s", "p"), theta_i_deg=range(0, 85, 10),
         theta_r_deg=SCAN,
     )  # fmt: skip
     by_name = {(c.polarization, c.theta_i_deg): c for c in options}
-    chosen: DesignResult = design_measurements(beliefs, options, choices=_choices(seed))
+    chosen: DesignResult = design_measurements(start.beliefs, options, choices=_choices(seed))
     rng = np.random.default_rng([seed, 54])
     random = [[options[i] for i in rng.choice(len(options), 3, replace=False)] for _ in range(n)]
     grids: dict[str, Callable[[int], list[Candidate]]] = {
@@ -230,40 +269,86 @@ def compare_grids(paint: str, *, n: int, seed: int) -> list[dict[str, Any]]:
     }  # fmt: skip
     rows = []
     for name, grid in grids.items():
-        drops = [realised_drops(beliefs, grid(i), n=1, seed=seed + 100 * i)[0] for i in range(n)]
+        drops = np.array(
+            [realised_drops(start, grid(i), n=1, seed=seed + 100 * i)[0] for i in range(n)]
+        )
         rows.append({
-            "paint": paint, "grid": name, "minutes": sum(c.minutes for c in grid(0)),
-            "realised": float(np.mean(drops)), "realised_se": float(np.std(drops, ddof=1) / n**0.5),
-            "scans": [c.label for c in grid(0)],
+            "paint": paint, "grid": name, "minutes": sum(c.minutes for c in grid(0)), "n": n,
+            "realised": float(drops.mean()), "realised_se": _error_of(drops, start),
+            "scans": [c.label for c in grid(0)] if name != "random" else [],
             "promised": chosen.batch.eig if name == "chosen" else None,
         })  # fmt: skip
     return rows
 
 
+def study_paint(paint: str, *, n: int = N_TRUTHS, seed: int = 3) -> dict[str, Any]:
+    """Both studies of one paint: candidates one by one, and grids of three scans."""
+    return {
+        "candidates": compare(paint, n=n, seed=seed),
+        "grids": compare_grids(paint, n=n, seed=seed),
+    }
+
+
 def run_loop(
-    *, n: int = 16, seed: int = 3, told: Callable[[str], None] = lambda _: None
-) -> dict[str, list[dict[str, Any]]]:
-    """Both studies over all paints: candidates one by one, and grids of three scans."""
-    found: dict[str, list[dict[str, Any]]] = {"candidates": [], "grids": []}
-    for paint in PAINTS:
-        told(f"{paint}: candidates")
-        found["candidates"] += compare(paint, n=n, seed=seed)
-        told(f"{paint}: grids")
-        found["grids"] += compare_grids(paint, n=n, seed=seed)
-    return found
+    *, n: int = N_TRUTHS, processes: int = 2, told: Callable[[str], None] = lambda _: None
+) -> dict[str, Any]:
+    """Both studies over all paints.
+
+    Parameters
+    ----------
+    n : int
+        Truths for each candidate and each grid.
+    processes : int
+        Paints that are studied at the same time; results do not depend on it.
+    told : callable
+        Told how far it is.
+
+    Returns
+    -------
+    dict
+        The content of ``design_loop.json``.
+    """
+    started = perf_counter()
+    with pool(processes) as run:
+        parts = []
+        for paint, part in zip(PAINTS, run(partial(study_paint, n=n), PAINTS), strict=True):
+            told(f"{paint}: done")
+            parts.append(part)
+    return {
+        "version": __version__,
+        "seconds": round(perf_counter() - started),
+        "n": n,
+        "candidates": [row for part in parts for row in part["candidates"]],
+        "grids": [row for part in parts for row in part["grids"]],
+    }
 
 
-def main() -> int:
-    """``python -m pbrdf_bayes.validation.design_loop``: both studies as JSON, half an hour."""
-    found = run_loop(told=lambda line: _write(sys.stderr, line))
-    _write(sys.stdout, json.dumps(found, indent=1, ensure_ascii=False))
+def write_loop(result: dict[str, Any], folder: Path) -> Path:
+    """Write ``index.html`` and ``design_loop.json``; returns the page's path."""
+    folder.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(rounded(result), indent=1, ensure_ascii=False)
+    write_text(folder / "design_loop.json", text + "\n")
+    page = folder / "index.html"
+    write_text(page, render_loop(rounded(result)))
+    return page
+
+
+def rounded(value: Any) -> Any:
+    """Numbers to four significant digits."""
+    if isinstance(value, dict):
+        return {key: rounded(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [rounded(item) for item in value]
+    return float(f"{value:.4g}") if isinstance(value, float) else value
+
+
+def main(arguments: Sequence[str]) -> int:
+    """``python -m pbrdf_bayes.validation.design_loop [FOLDER]``; prints the page's path."""
+    folder = Path(arguments[0]) if arguments else DEFAULT_FOLDER
+    result = run_loop(told=lambda line: say(f"{line}\n"))
+    sys.stdout.write(f"{write_loop(result, folder)}\n")
     return 0
 
 
-def _write(stream: TextIO, line: str) -> None:
-    stream.write(line + "\n")
-    stream.flush()
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

@@ -55,7 +55,7 @@ def run_studies(
     """
     started = perf_counter()
     shapes = (*MISFITS, LINE_SHAPE)
-    with _pool(processes) as run:
+    with pool(processes) as run:
         ranks = list(
             _watched(run(simulate_rank, range(_FIRST_SEED, _FIRST_SEED + n_ranks)), "ranks", told)
         )
@@ -99,7 +99,7 @@ def judge_ranks(results: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 @contextmanager
-def _pool(processes: int) -> Iterator[Callable[[Callable[[int], Any], Iterable[int]], Any]]:
+def pool(processes: int) -> Iterator[Callable[[Callable[..., Any], Iterable[Any]], Any]]:
     """Map over processes, or in this one."""
     if processes == 1:
         yield map
@@ -129,12 +129,13 @@ def write_studies(result: dict[str, Any], folder: Path) -> Path:
 def main(arguments: list[str]) -> int:
     """``python -m pbrdf_bayes.validation [FOLDER]``: run everything, print the page's path."""
     folder = Path(arguments[0]) if arguments else DEFAULT_FOLDER
-    result = run_studies(told=lambda line: _say(f"\r{line:<60}"))
-    _say("\n")
+    result = run_studies(told=lambda line: say(f"\r{line:<60}"))
+    say("\n")
     sys.stdout.write(f"{write_studies(result, folder)}\n")
     return 0
 
 
-def _say(words: str) -> None:
+def say(words: str) -> None:
+    """To standard error, at once."""
     sys.stderr.write(words)
     sys.stderr.flush()
