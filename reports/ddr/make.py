@@ -51,6 +51,7 @@ N_REPEATS = 8
 PORTS = (2.0, 5.0, 10.0, 15.0, 20.0)
 PLANS: Mapping[str, tuple[tuple[str, float], ...]] = {
     "one": (("s", 20.0),),
+    "bright": (("s", 60.0),),
     "four": (("s", 20.0), ("p", 20.0), ("s", 60.0), ("p", 60.0)),
 }
 """DDR readings: polarisation and incidence."""
@@ -276,8 +277,13 @@ def shortened(table: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 # ---------------------------------------------------------------------------------- page
 
-_INK = {"scan": "#1c2126", "one": "#0067a5", "four": "#c24d00"}
-_WORDS = {"scan": "scan, s at 20°", "one": "one DDR", "four": "four DDR"}
+_INK = {"scan": "#1c2126", "one": "#7fa8cb", "bright": "#0067a5", "four": "#c24d00"}
+_WORDS = {
+    "scan": "scan, s at 20°",
+    "one": "DDR, s at 20°",
+    "bright": "DDR, s at 60°",
+    "four": "four DDR",
+}
 
 
 def of(table: Sequence[Mapping[str, Any]], paint: str, plan: str) -> list[Mapping[str, Any]]:
