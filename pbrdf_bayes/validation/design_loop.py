@@ -258,6 +258,7 @@ def compare_grids(paint: str, *, n: int, seed: int) -> list[dict[str, Any]]:
     )  # fmt: skip
     by_name = {(c.polarization, c.theta_i_deg): c for c in options}
     chosen: DesignResult = design_measurements(start.beliefs, options, choices=_choices(seed))
+    whole = chosen.batch.gains[-1]
     rng = np.random.default_rng([seed, 54])
     random = [[options[i] for i in rng.choice(len(options), 3, replace=False)] for _ in range(n)]
     grids: dict[str, Callable[[int], list[Candidate]]] = {
@@ -276,7 +277,9 @@ def compare_grids(paint: str, *, n: int, seed: int) -> list[dict[str, Any]]:
             "paint": paint, "grid": name, "minutes": sum(c.minutes for c in grid(0)), "n": n,
             "realised": float(drops.mean()), "realised_se": _error_of(drops, start),
             "scans": [c.label for c in grid(0)] if name != "random" else [],
-            "promised": chosen.batch.eig if name == "chosen" else None,
+            "promised": whole.eig if name == "chosen" else None,
+            "promised_se": float(np.hypot(whole.se, 0.25 * (whole.high - whole.low)))
+            if name == "chosen" else None,
         })  # fmt: skip
     return rows
 
