@@ -318,8 +318,8 @@ def caution(table: Sequence[Mapping[str, Any]]) -> str:
     return (
         f"Of a paint with another line shape four DDR readings claim {name} to "
         f"{_percent(four[f'sd {name}'])} and are off by {_percent(four[f'off {name}'])}; "
-        f"nothing in them tells it. The scan is off by {_percent(scan[f'off {name}'])} where it claims "
-        f"{_percent(scan[f'sd {name}'])}, but its fit shows a discrepancy of "
+        f"nothing in them tells it. The scan is off by {_percent(scan[f'off {name}'])} where it "
+        f"claims {_percent(scan[f'sd {name}'])}, but its fit shows a discrepancy of "
         f"{_percent(scan['tau'])} along θ_r, which a report calls a misfit."
     )
 
