@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pbrdf_bayes.report.svg import figure_style, inline_svg
+from pbrdf_bayes.validation.page import page_template
 
 Row = Mapping[str, Any]
 
@@ -35,20 +34,11 @@ def render_loop(result: Mapping[str, Any]) -> str:
     -------
     str
     """
-    environment = Environment(
-        loader=FunctionLoader(
-            lambda name: files("pbrdf_bayes.validation").joinpath(name).read_text(encoding="utf-8")
-        ),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-    )
-    css = files("pbrdf_bayes.report").joinpath("report.css").read_text(encoding="utf-8")
     rows = [{**row, "off": errors_off(row)} for row in result["candidates"]]
     with figure_style():
         scatter, bars = _scatter(rows), _bars(result["grids"])
-    return environment.get_template("loop.html.j2").render(
-        **{**result, "candidates": rows}, css=Markup(css), scatter=scatter, bars=bars,
+    return page_template("loop.html.j2").render(
+        **{**result, "candidates": rows}, scatter=scatter, bars=bars,
         words=_WORDS, agrees=AGREES, verdict=in_words(rows, result["grids"]),
     )  # fmt: skip
 

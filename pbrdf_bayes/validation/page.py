@@ -7,7 +7,7 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FunctionLoader, StrictUndefined
+from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
@@ -34,6 +34,14 @@ def render_page(result: dict[str, Any]) -> str:
     -------
     str
     """
+    return page_template("page.html.j2").render(
+        **result, figures=_rank_figures(result),
+        verdict_on_coverage=coverage_in_words(result["coverage"]),
+    )  # fmt: skip
+
+
+def page_template(name: str) -> Template:
+    """A template of this package, with the style of the report."""
     environment = Environment(
         loader=FunctionLoader(
             lambda name: files("pbrdf_bayes.validation").joinpath(name).read_text(encoding="utf-8")
@@ -44,10 +52,8 @@ def render_page(result: dict[str, Any]) -> str:
     )
     environment.filters["symbol"] = symbol
     css = files("pbrdf_bayes.report").joinpath("report.css").read_text(encoding="utf-8")
-    return environment.get_template("page.html.j2").render(
-        **result, css=Markup(css), figures=_rank_figures(result),
-        verdict_on_coverage=coverage_in_words(result["coverage"]),
-    )  # fmt: skip
+    environment.globals["css"] = Markup(css)  # our own file
+    return environment.get_template(name)
 
 
 def coverage_in_words(table: Sequence[Mapping[str, Any]]) -> str:
