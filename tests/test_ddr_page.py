@@ -48,20 +48,21 @@ def test_one_reading_is_as_good_as_its_noise_lets_it_be(
     """Spread of ln rho0 against noise / |d DDR / d ln rho0|, where that is small.
 
     What is known of the DHR itself adds to the noise of the reading, by less than a second
-    reading of it would.
+    reading of it would. The noise is inferred from 16 readings, whose scatter is known to 18 %;
+    over 8 sets of them to 6 %.
     """
     p = make.PAINTS[paint]
-    row = make.best(stored["table"], p.name, "one")
+    row = make.best(stored["table"], p.name, "bright")
     step = 0.01
     up, down = (
         pb.ddr(
-            pb.Parameters(n=1.526, k=0.193, sigma_n0=0.4528, rho0=p.rho0 * np.exp(d)), 20.0, "s",
+            pb.Parameters(n=1.526, k=0.193, sigma_n0=0.4528, rho0=p.rho0 * np.exp(d)), 60.0, "s",
             port_deg=row["port"],
         )
         for d in (step, -step)
     )  # fmt: skip
     least = make.U_DHR * 2.0 * step / abs(float(up - down))
-    assert least < row["sd_rho0"] < 1.6 * least
+    assert 0.85 * least < row["sd_rho0"] < 1.6 * least
 
 
 def test_errors_are_those_that_the_spreads_claim(make: ModuleType, stored: dict[str, Any]) -> None:
@@ -76,9 +77,9 @@ def test_another_line_shape_is_seen_by_the_scan_alone(
     make: ModuleType, stored: dict[str, Any]
 ) -> None:
     name = make.PAINTS[3].name
-    scan, four = (make.best(stored["table"], name, plan) for plan in ("scan", "four"))
+    scan, bright = (make.best(stored["table"], name, plan) for plan in ("scan", "bright"))
     assert scan["tau"] > 3.0 * make.MISFIT
-    assert four["off f_s at 20°"] > 3.0 * four["sd f_s at 20°"]
+    assert bright["off f_s at 20°"] > 3.0 * bright["sd f_s at 20°"]
 
 
 def test_a_day_at_the_bench_comes_out_alike(make: ModuleType, stored: dict[str, Any]) -> None:
