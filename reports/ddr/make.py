@@ -327,11 +327,11 @@ def caution(table: Sequence[Mapping[str, Any]]) -> str:
     scan, bright = best(table, other, "scan"), best(table, other, "bright")
     name = next(iter(CURVES))
     return (
-        f"Of a paint with another line shape the DDR reading claims {name} to "
+        f"Of a paint with another line shape the DDR reading claims the s curve at 20° to "
         f"{_percent(bright[f'sd {name}'])} and is off by {_percent(bright[f'off {name}'])}; "
         f"nothing in it tells that. The scan is off by {_percent(scan[f'off {name}'])} where it "
         f"claims {_percent(scan[f'sd {name}'])}, but its fit shows a discrepancy of "
-        f"{_percent(scan['tau'])} along θ_r, which a report calls a misfit."
+        f"{_percent(scan['tau'])} along the scan, which a report calls a misfit."
     )
 
 
