@@ -15,7 +15,8 @@ from pbrdf_bayes.batch.outcome import DONE, SKIPPED, Row, failed_row, finished_r
 from pbrdf_bayes.batch.plan import Job
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.errors import PbrdfError, RunFolderError
-from pbrdf_bayes.io.run_folder import is_finished, load_summary
+from pbrdf_bayes.io.checkpoint import has_checkpoints, remove_checkpoints_of_other_files
+from pbrdf_bayes.io.run_folder import is_finished, load_summary, locked
 from pbrdf_bayes.paperwork import Paperwork, amend_folder
 from pbrdf_bayes.workflow import Observer, fit_into
 
@@ -69,6 +70,9 @@ def run_task(task: Task) -> Row:
     try:
         folder = own_folder(task.out, job.folder)
         if not _is_done(folder):  # it is where the process ended before it could say so
+            if has_checkpoints(folder):
+                with locked(folder):
+                    remove_checkpoints_of_other_files(folder, m.sha256)
             fit_into(
                 folder, m, task.config, seed=task.seed, resume=True, paperwork=wanted, brief=True,
                 observer=Observer(stage=told),

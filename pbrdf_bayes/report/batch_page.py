@@ -72,6 +72,7 @@ class WavelengthSection:
     """Charts and spreads of the samples at one wavelength."""
 
     title: str
+    wavelength: str
     parameters: tuple[ParameterSection, ...]
 
 
@@ -215,7 +216,7 @@ def _sample_row(i: int, row: Record, names: Sequence[str]) -> SampleRow:
         error=error if len(error) <= _LONGEST_ERROR else f"{error[:_LONGEST_ERROR]} …",
         spark=sparkline(row["curves"]),
         rms=number(row["rms_dex"], digits=2), rms_key=_key(row["rms_dex"]),
-        seconds=seconds(row["seconds"]), seconds_key=_key(row["seconds"]),
+        seconds=seconds(row["seconds"] or None), seconds_key=_key(row["seconds"]),
         cells=tuple(_cell(row["parameters"].get(name)) for name in names),
     )  # fmt: skip
 
@@ -261,9 +262,10 @@ def _key(value: Any) -> str:
 
 
 def _group(group: Record, rows: Sequence[Record], *, alone: bool) -> WavelengthSection:
-    title = "" if alone else f"{number(group['wavelength_um'], digits=6)} µm"
+    wavelength = number(group["wavelength_um"], digits=6)
+    title = "" if alone else f"{wavelength} µm"
     sections = (_section(name, record, rows, title) for name, record in group["parameters"].items())
-    return WavelengthSection(title, tuple(sections))
+    return WavelengthSection(title, wavelength, tuple(sections))
 
 
 def _section(name: str, record: Record, rows: Sequence[Record], at: str) -> ParameterSection:

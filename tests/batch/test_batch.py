@@ -32,6 +32,7 @@ from pbrdf_bayes.batch.plan import Job, plan_batch
 from pbrdf_bayes.batch.progress import Progress
 from pbrdf_bayes.batch.terminal import teller
 from pbrdf_bayes.cli import main
+from pbrdf_bayes.io.checkpoint import write_checkpoint
 
 COMMAND = [sys.executable, "-m", "pbrdf_bayes", "batch"]
 HEADER = "sample,wavelength_um,quantity,polarization,theta_i_deg,theta_r_deg,value"
@@ -396,6 +397,32 @@ def test_any_name_has_a_safe_folder_of_its_own(tmp_path):
     assert [bool(job.error) for job in plan_batch([long], pb.RunConfig(), seed=1)] == [
         False, True, True,
     ]  # fmt: skip
+
+
+def test_a_file_that_has_grown_does_not_stop_an_interrupted_sample(
+    tmp_path, quick, signals_as_before
+):
+    """Its readings are the same; what was stored under the file's old hash is begun again."""
+    config = pb.RunConfig(accuracy="draft", holdout="none", noise="iid", threads=1)
+    file, out = write_samples(tmp_path / "a.csv", ["one"]), tmp_path / "out"
+    (job,) = plan_batch([file], config, seed=1)
+    assert job.measurement is not None
+    stored = out / job.folder / "checkpoint_sample.npz"
+    stored.parent.mkdir(parents=True)
+    (out / "index.json").write_text("{}")
+    write_checkpoint(stored, {"z": np.zeros(3)}, {"data": job.measurement.sha256, "seed": 1})
+    written = stored.read_bytes()
+    options = ["--out", str(out), *quick, "--resume", "--quiet"]
+    assert main(["batch", str(file), *options]) == 0
+    (row,) = index_of(out)["samples"]
+    assert "is a checkpoint of something else" in row["error"]  # of the same file: of what else?
+    assert stored.read_bytes() == written
+    file.write_text(file.read_text() + "two,3.39,brdf,s,20,5,-1\n")
+    assert main(["batch", str(file), *options]) == 0
+    one, two = index_of(out)["samples"]
+    assert (one["status"], two["status"]) == ("done", "failed")
+    assert one["run"] == job.folder
+    assert not stored.exists()
 
 
 def test_folders_are_a_function_of_what_a_run_is_made_from(tmp_path):
