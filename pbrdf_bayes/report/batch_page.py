@@ -166,7 +166,7 @@ def _lead(index: Record) -> str:
         one = repeats == 1
         text += f". {repeats} {'has' if one else 'have'} the readings of another and "
         text += f"{'is' if one else 'are'} not counted again"
-    return f"{text}.{_conformity_lead(rows)}{_chart_lead(index['by_wavelength'])}"
+    return f"{_conformity_lead(rows)}{text}.{_chart_lead(index['by_wavelength'])}"
 
 
 def _samples(n: int) -> str:
@@ -179,14 +179,17 @@ def _conformity_lead(rows: Sequence[Record]) -> str:
     if not judged:
         return ""
     found, n = Counter(judged), len(judged)
-    how = [f"{found[v]} {words}" for v, words in _DECIDED.items() if found[v]]
-    whole = {"ACCEPT": "All are accepted", "REJECT": "None is accepted, all are rejected"}
-    text = whole[judged[0]] if n > 1 and n in (found["ACCEPT"], found["REJECT"]) else (
-        f"Of {n} judged: {', '.join(how)}"
-    )  # fmt: skip
+    accepted = found["ACCEPT"]
+    how_many = (
+        ("the one" if n == 1 else f"all {n}") if accepted == n else f"{accepted or 'none'} of {n}"
+    )
+    verb = "is" if accepted < 2 else "are"
+    text = f"{how_many} sample{'s' * (n != 1)} judged {verb} accepted"
+    for verdict, words in list(_DECIDED.items())[1:]:
+        text += f", {found[verdict]} {words}" if found[verdict] else ""
     fits = Counter(row["verdict"] for row in rows)
     fitted = ", ".join(f"{fits[v]} {words}" for v, words in _FITTED.items() if fits[v])
-    return f" {text} by the limits given. Fits: {fitted}."
+    return f"By the limits given {text}. Fits: {fitted}. "
 
 
 def _chart_lead(groups: Sequence[Record]) -> str:

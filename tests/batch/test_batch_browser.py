@@ -130,7 +130,10 @@ def test_rejections_lead_and_have_a_filter(browser, judged):
         ["0", "accepted"], ["10", "rejected"], ["0", "undecided"], ["1", "without a result"],
     ]  # fmt: skip
     assert tally.nth(1).get_attribute("class") == "FAIL"
-    assert "None is accepted, all are rejected by the limits given" in page.inner_text(".headline")
+    lead = page.inner_text(".headline")
+    assert lead.startswith(
+        "By the limits given none of 10 samples judged is accepted, 10 rejected."
+    )
     cell = page.locator("#table tbody tr").first.locator("td.verdict").first
     assert cell.inner_text().split("\n") == [
         "Reject",
@@ -144,6 +147,23 @@ def test_rejections_lead_and_have_a_filter(browser, judged):
     page.get_by_label("Fit").select_option("PASS")
     assert shown(page) == []
     context.close()
+
+
+@pytest.mark.parametrize(
+    ("decided", "said"),
+    [
+        ("A", "the one sample judged is accepted. Fits: 1 pass. 1 sample, all with a result."),
+        ("R", "none of 1 sample judged is accepted, 1 rejected."),
+        ("AAA", "all 3 samples judged are accepted."),
+        ("AARU", "2 of 4 samples judged are accepted, 1 rejected, 1 undecided."),
+    ],
+)
+def test_the_lead_is_a_sentence(tmp_path, decided, said):
+    words = {"A": "ACCEPT", "R": "REJECT", "U": "UNDECIDED"}
+    rows = [row(i, "PASS", conformity=words[c]) for i, c in enumerate(decided, start=1)]
+    write_index(tmp_path, rows, n_samples=len(rows))
+    page = (tmp_path / "index.html").read_text("utf-8")
+    assert f'<p class="headline">By the limits given {said}' in page
 
 
 @pytest.mark.parametrize("width", [1280, 390])
