@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from pbrdf_bayes.diffuse_directional import ddr
     from pbrdf_bayes.effects import Effects
     from pbrdf_bayes.errors import (
+        ClusterError,
         ConfigError,
         ConvergenceError,
         DataError,
@@ -52,6 +53,7 @@ __version__ = "0.1.0"
 _HOME = {
     "Analysis": "results",
     "Candidate": "design.candidates",
+    "ClusterError": "errors",
     "ConfigError": "errors",
     "ConvergenceError": "errors",
     "Costs": "design.candidates",
@@ -98,6 +100,7 @@ __all__ = [
     "GREEN_PAINT",
     "Analysis",
     "Candidate",
+    "ClusterError",
     "ConfigError",
     "ConvergenceError",
     "Costs",

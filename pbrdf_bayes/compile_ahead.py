@@ -21,7 +21,7 @@ from numba import __version__ as numba_version
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.inference.correlated_likelihood import correlated_log_likelihood
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
-from pbrdf_bayes.io.run_folder import only_one_at_a_time
+from pbrdf_bayes.io.locks import only_one_at_a_time
 from pbrdf_bayes.physics.compiled import kernel_sources
 from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
 

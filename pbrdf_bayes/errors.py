@@ -37,3 +37,9 @@ class FitError(PbrdfError, RuntimeError):
 
 class ConvergenceError(FitError):
     """A sampler or an iteration ran out of its budget before its thresholds were met."""
+
+
+class ClusterError(PbrdfError, RuntimeError):
+    """The scheduler of a batch was lost while it ran; what was done by then is kept."""
+
+    exit_code = 3

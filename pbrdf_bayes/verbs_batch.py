@@ -1,12 +1,11 @@
-"""The verb ``batch``: its arguments, and what a person at a terminal sees while it runs."""
+"""The verb ``batch``: its arguments; no science."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pbrdf_bayes.arguments import (
     DONE,
@@ -17,9 +16,6 @@ from pbrdf_bayes.arguments import (
     interrupted,
 )
 from pbrdf_bayes.verbs_conform import add_paperwork, paperwork_of
-
-if TYPE_CHECKING:
-    from pbrdf_bayes.batch.run import Progress
 
 _EPILOG = """\
 Every sample of every file gets a run folder in DIR, named after it and a hash of its readings,
@@ -32,8 +28,9 @@ workers on other machines, which must see DIR under the same path:
   dask worker tcp://HOST:8786 --nworkers 8 --nthreads 1
   pbrdf-bayes batch *.csv --out DIR --scheduler tcp://HOST:8786
 
-exit codes: 0 every sample has a row, even where some failed; with --strict 4 where one failed or
-has the verdict FAIL; 2 bad usage; 130 interrupted, go on with --resume
+exit codes: 0 every sample has a row, even where some failed; with --strict 4 where one failed, has
+the verdict FAIL, or with --limits is anything but ACCEPT; 2 bad usage; 3 the scheduler was lost,
+130 interrupted: go on with --resume
 """
 
 
@@ -53,7 +50,7 @@ def add_batch(verbs: Any) -> None:
     parser.add_argument("--resume", action="store_true",
                         help="go on with the batch in DIR or start it")  # fmt: skip
     parser.add_argument("--strict", action="store_true",
-                        help="exit 4 when a sample failed or its verdict is FAIL")  # fmt: skip
+                        help="exit 4 when a sample failed, is FAIL, or is not ACCEPT")  # fmt: skip
     add_paperwork(parser, pdf=False)
     parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
 
@@ -67,6 +64,7 @@ def _workers(text: str) -> int:
 
 def _batch(options: argparse.Namespace) -> int:
     from pbrdf_bayes.batch.run import fit_batch
+    from pbrdf_bayes.batch.terminal import repeat_lines, teller
     from pbrdf_bayes.errors import ConfigError
     from pbrdf_bayes.io.config_toml import read_config
 
@@ -82,45 +80,12 @@ def _batch(options: argparse.Namespace) -> int:
             options.csv, config, out=options.out, seed=options.seed, workers=options.workers,
             scheduler=options.scheduler, resume=options.resume,
             limits=wanted.specification, document=wanted.document,
-            told=None if options.quiet else _teller(), interrupted=interrupted.is_set,
+            told=None if options.quiet else teller(), interrupted=interrupted.is_set,
         )  # fmt: skip
     except KeyboardInterrupt as stop:
         stop.add_note("go on with --resume and the same --out; the index holds what is done")
         raise
+    for line in repeat_lines(result.samples) if options.quiet else ():
+        print(line, file=sys.stderr)
     print(result.folder)
     return STRICT_FAIL if options.strict and not result.is_clean else DONE
-
-
-def _teller() -> Callable[[Progress], None]:
-    def tell(progress: Progress) -> None:
-        for line in progress_lines(progress):
-            print(line, file=sys.stderr, flush=True)
-
-    return tell
-
-
-def progress_lines(progress: Progress) -> list[str]:
-    """What came out, then how far the whole is and what is in hand.
-
-    Returns
-    -------
-    list of str
-    """
-    lines = []
-    if progress.row is not None:
-        row = progress.row
-        what = row["verdict"] or f"{row['status']}: {str(row['error']).splitlines()[0]}"
-        what += f", {row['conformity']}" if row["conformity"] else ""
-        lines.append(f"{row['sample']!a}: {what[:160]} ({row['seconds']:.1f} s)")
-    share = progress.n_done / max(progress.n_samples, 1)
-    bar = "#" * int(24 * share) + "." * (24 - int(24 * share))
-    left = progress.seconds_left
-    text = "" if not left else f", about {_duration(left)} left"
-    hand = ", ".join(name if name.isascii() else ascii(name) for name in progress.running)
-    hand = f"; in hand: {hand}" if hand else ""
-    lines.append(f"  [{bar}] {progress.n_done}/{progress.n_samples} samples{text}{hand}"[:240])
-    return lines
-
-
-def _duration(left: float) -> str:
-    return f"{left:.0f} s" if left < 100 else f"{left / 60:.0f} min"

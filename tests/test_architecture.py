@@ -68,7 +68,7 @@ HOMES = {
     "emcee": {"inference.sampling", "inference.ensembles"}, "arviz_stats": {"inference.arviz_adapter"},
     "jsonschema": {"io"}, "tomllib": {"io"}, "csv": {"io", "batch.index"}, "argparse": {"arguments", "verbs", "verbs_batch", "verbs_conform", "verbs_design", "cli"}, "pandas": {"io"},
     "h5py": {"io.netcdf_tree"}, "xarray": {"io", "tree", "results"}, "numba": {"physics", "inference", "bench", "compile_ahead"},
-    "llvmlite": {"physics.elementary"}, "fcntl": {"io.run_folder"}, "signal": {"cli", "batch.work"}, "distributed": {"batch.executors"},
+    "llvmlite": {"physics.elementary"}, "fcntl": {"io.locks"}, "signal": {"cli", "batch.work"}, "distributed": {"batch.executors"},
     "threadpoolctl": {"inference", "bench", "design"}, "subprocess": {"compile_ahead", "io.print_pdf"}, "pickle": set(), "arviz": set(),
     "random": set(), "pathlib": {"io", "resume", "compile_ahead", "workflow", "checking", "parameters_json", "prediction", "scene_files", "candidates_csv", "design_files", "arguments", "verbs", "verbs_batch", "verbs_conform", "verbs_design", "paperwork", "cli", "bench", "batch", "validation", "physics.compiled"},
     "os": {"io", "cli", "bench", "batch"}, "tempfile": {"io"}, "time": {"inference.choose_effects", "inference.ensembles", "io.checkpoint", "workflow", "terminal", "bench", "batch", "validation"},

@@ -5,18 +5,22 @@ Both are `concurrent.futures.Executor`; everything above knows no more than that
 
 from __future__ import annotations
 
+import asyncio
+import logging
 import multiprocessing
 import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager
+from concurrent.futures import CancelledError, Executor, ProcessPoolExecutor
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from typing import Any
 
 from pbrdf_bayes.batch.outcome import Row
 from pbrdf_bayes.batch.work import ONE_THREAD, Task, prepare_worker, run_task
 from pbrdf_bayes.errors import ConfigError
 
 CONNECT_SECONDS = 10.0
+CLOSE_SECONDS = 5.0
 
 
 @dataclass(frozen=True)
@@ -33,12 +37,15 @@ class Crew:
         Ends an executor and what it still does.
     work : callable
         What is handed to the executor.
+    lost : tuple of exception types
+        What says that all workers are gone for good, and with them what was handed over.
     """
 
     start: Callable[[int], Executor]
     n_workers: int
     stop: Callable[[Executor], None]
     work: Callable[[Task], Row] = run_task
+    lost: tuple[type[BaseException], ...] = ()
 
 
 @contextmanager
@@ -80,6 +87,8 @@ def cluster_crew(address: str) -> Iterator[Crew]:
     """
     try:
         from distributed import Client
+        from distributed.client import ClosedClientError
+        from distributed.comm import CommClosedError
     except ImportError:
         msg = (
             f"--scheduler {address}: the package 'distributed' is not installed. Install it with: "
@@ -95,7 +104,10 @@ def cluster_crew(address: str) -> Iterator[Crew]:
             "tcp://HOST:8786"
         )
         raise ConfigError(msg) from None
-    with client:
+    log = logging.getLogger("distributed.client")
+    level = log.level
+    log.setLevel(logging.CRITICAL)  # that the scheduler is lost is said once, and in plain words
+    try:
         threads = client.nthreads()
         if not threads or any(n != 1 for n in threads.values()):
             found = "no worker" if not threads else f"threads {sorted(threads.values())}"
@@ -107,9 +119,23 @@ def cluster_crew(address: str) -> Iterator[Crew]:
         yield Crew(
             lambda _: client.get_executor(pure=False),
             len(threads),
-            lambda executor: executor.shutdown(wait=False),
+            _stop_quietly(lambda executor: executor.shutdown(wait=False)),
             run_on_cluster,
+            (CancelledError, asyncio.CancelledError, ClosedClientError, CommClosedError),
         )
+    finally:
+        _stop_quietly(lambda one: one.close(timeout=CLOSE_SECONDS))(client)
+        log.setLevel(level)
+
+
+def _stop_quietly(stop: Callable[[Any], None]) -> Callable[[Any], None]:
+    """What a scheduler that is gone cannot answer is no error of its own."""
+
+    def guarded(what: Any) -> None:
+        with suppress(Exception, asyncio.CancelledError):
+            stop(what)
+
+    return guarded
 
 
 def run_on_cluster(task: Task) -> Row:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from math import log
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from pbrdf_bayes import __version__
-from pbrdf_bayes.batch.outcome import FAILED
+from pbrdf_bayes.batch.outcome import FAILED, RISKS
 from pbrdf_bayes.errors import DataError
 from pbrdf_bayes.inference.between_samples import infer_spread
 from pbrdf_bayes.inference.control_chart import draw_limits
@@ -25,14 +26,18 @@ Row = Mapping[str, Any]
 _LOGARITHMIC = ("sigma_n0", "rho0")
 _NORMAL_975 = 1.959963984540054
 _PLAIN = (
-    "sample", "wavelength_um", "status", "verdict", "conformity", "run", "error", "source",
-    "seconds", "n_brdf", "n_dhr", "rms_dex", "headline",
+    "sample", "wavelength_um", "status", "verdict", "conformity", *RISKS, "run", "error",
+    "repeat_of", "source", "seconds", "n_brdf", "n_dhr", "rms_dex", "headline",
 )  # fmt: skip
 _OF_PARAMETER = ("mean", "sd", "q025", "q975")
-_ACTIVE = ("=", "+", "-", "@", "\t", "\r", "\n")
+_ACTIVE = frozenset("=+-@\N{MINUS SIGN}")
+_UNSEEN = frozenset(("Zs", "Zl", "Zp", "Cc", "Cf"))
+"""Categories of characters that are not seen: spaces of any width, controls, marks of format."""
 
 
-def write_index(folder: Path, rows: Sequence[Row], *, n_samples: int) -> None:
+def write_index(
+    folder: Path, rows: Sequence[Row], *, n_samples: int, finished: bool | None = None
+) -> None:
     """Write all three files, each whole or not at all.
 
     Parameters
@@ -42,19 +47,22 @@ def write_index(folder: Path, rows: Sequence[Row], *, n_samples: int) -> None:
         Samples that are done, in their order.
     n_samples : int
         All samples of the batch.
+    finished : bool, optional
+        Nothing is left to be done; whether all samples have a row by default.
 
     Raises
     ------
     RunFolderError
     """
-    statistics = compare_samples(rows)
+    groups = compare_wavelengths(rows)
     index = {
         "schema_version": 1,
         "version": __version__,
         "n_samples": n_samples,
-        "finished": len(rows) == n_samples,
+        "finished": len(rows) == n_samples if finished is None else finished,
         "samples": list(rows),
-        "between_samples": statistics,
+        "between_samples": None if len(groups) > 1 else groups[0]["parameters"] if groups else {},
+        "by_wavelength": groups,
     }
     text = json.dumps(finite_only(index), indent=1, ensure_ascii=False, allow_nan=False)
     write_text(folder / "index.json", text + "\n")
@@ -87,12 +95,20 @@ def harmless(value: Any) -> Any:
     --------
     >>> harmless("=1+1"), harmless(-0.5), harmless(" =1"), harmless(None)
     ("'=1+1", -0.5, "' =1", '')
+    >>> harmless("\N{FULLWIDTH EQUALS SIGN}1")[0], harmless("\N{NO-BREAK SPACE}@1")[0]
+    ("'", "'")
     """
     if value is None:
         return ""
-    if isinstance(value, str) and value.lstrip(" ").startswith(_ACTIVE):
-        return f"'{value}"
-    return value
+    return f"'{value}" if isinstance(value, str) and _is_active(value) else value
+
+
+def _is_active(text: str) -> bool:
+    """It begins like a formula, as it stands or with what is not seen and width taken off."""
+    if text[:1] in ("\t", "\r", "\n"):
+        return True
+    seen = next((c for c in text if unicodedata.category(c) not in _UNSEEN), "")
+    return unicodedata.normalize("NFKC", seen)[:1] in _ACTIVE
 
 
 def parameter_names(rows: Sequence[Row]) -> list[str]:
@@ -100,15 +116,33 @@ def parameter_names(rows: Sequence[Row]) -> list[str]:
     return list(dict.fromkeys(name for row in rows for name in row["parameters"]))
 
 
-def compare_samples(rows: Sequence[Row]) -> dict[str, Any]:
-    """Spread and control chart of each parameter over the samples with a result.
+def compare_wavelengths(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Spread and control charts, each wavelength on its own: constants of a paint depend on it.
+
+    Returns
+    -------
+    list of dict
+        ``wavelength_um`` [um] and ``parameters``, see `compare_samples`; wavelengths ascend.
+    """
+    found = sorted({row["wavelength_um"] for row in rows if row["parameters"]})
+    return [{"wavelength_um": w, "parameters": compare_samples(rows, w)} for w in found]
+
+
+def compare_samples(rows: Sequence[Row], wavelength_um: float) -> dict[str, Any]:
+    """Spread and control chart of each parameter over the samples with a result at a wavelength.
 
     Samples whose verdict is FAIL do not count: their numbers are no constants of the material. They
     are in the chart, where they are held against the limits of the others.
     """
     found = {}
     for name in parameter_names(rows):
-        mine = [i for i, row in enumerate(rows) if _has(row, name)]
+        mine = [
+            i
+            for i, row in enumerate(rows)
+            if row["wavelength_um"] == wavelength_um and _has(row, name)
+        ]
+        if not mine:
+            continue
         records = [rows[i]["parameters"][name] for i in mine]
         is_log = name in _LOGARITHMIC and all(r["q025"] > 0.0 for r in records)
         located = [_location(record, is_log) for record in records]

@@ -13,19 +13,44 @@ from pbrdf_bayes.io.run_folder import finite_only
 from pbrdf_bayes.measurement import Measurement
 
 DONE, FAILED, SKIPPED = "done", "failed", "skipped"
+"""What became of a sample; skipped: fitted by an earlier batch, a repeat, or not reached."""
 Row = dict[str, Any]
 
 _KEPT = ("symbol", "unit", "kind", "mean", "sd", "median", "q025", "q975", "identified")
+RISKS = (
+    "p_conformity", "u_p_conformity", "p_conformity_low", "p_conformity_high", "consumer_risk",
+    "producer_risk",
+)  # fmt: skip
+"""Of a row: probability of conformity, its Monte Carlo error and 95 % limits, specific risks."""
 _MOST_POINTS = 41
 _CURVE_AT_DEG = 20.0
 
 
 def failed_row(job: Job, error: str, *, seconds: float = 0.0, run: str | None = None) -> Row:
     """Row of a sample without a result."""
+    return _row(job, FAILED, error=error, seconds=round(seconds, 3), run=run)
+
+
+def open_row(job: Job, error: str) -> Row:
+    """Row of a sample that was not reached; it is still to be done."""
+    return _row(job, SKIPPED, error=error)
+
+
+def repeat_row(job: Job) -> Row:
+    """Row of a sample that has the readings of another and is not fitted again."""
+    assert job.repeat_of is not None
+    return _row(job, SKIPPED, error=job.error, repeat_of=job.repeat_of + 1)
+
+
+def _row(job: Job, status: str, **found: Any) -> Row:
+    m = job.measurement
     return {
-        **_identity(job), "status": FAILED, "verdict": None, "headline": None, "run": run,
-        "error": error, "seconds": round(seconds, 3), "rms_dex": None, "conformity": None,
-        "parameters": {},
+        "sample": job.sample, "source": Path(job.source).name,
+        "wavelength_um": job.wavelength_um, "n_brdf": None if m is None else len(m.brdf),
+        "n_dhr": None if m is None else len(m.dhr), "curves": [] if m is None else curves_of(m),
+        "status": status, "verdict": None, "headline": None, "run": None, "error": None,
+        "repeat_of": None, "seconds": 0.0, "rms_dex": None, "conformity": None,
+        **dict.fromkeys(RISKS), "parameters": {}, **found,
     }  # fmt: skip
 
 
@@ -40,21 +65,33 @@ def finished_row(job: Job, summary: Mapping[str, Any], *, status: str, seconds: 
             "max_steps in the configuration, and go on with --resume"
         )
         return failed_row(job, error, seconds=seconds, run=job.folder)
-    conformity = summary.get("conformity")
-    row = {
-        **_identity(job), "status": status, "verdict": summary["verdict"],
-        "headline": summary["headline"], "run": job.folder, "error": None,
-        "seconds": round(seconds, 3),
-        "rms_dex": summary["fit"]["rms_dex_best"]["overall"],
-        "conformity": conformity.get("verdict") if isinstance(conformity, Mapping) else None,
-        "parameters": {
+    row = _row(
+        job, status, verdict=summary["verdict"], headline=summary["headline"], run=job.folder,
+        seconds=round(seconds, 3), rms_dex=summary["fit"]["rms_dex_best"]["overall"],
+        **_judged(summary.get("conformity")),
+        parameters={
             name: {key: record[key] for key in _KEPT}
             for name, record in summary["parameters"].items()
             if record["kind"] != "nuisance"
         },
-    }  # fmt: skip
+    )  # fmt: skip
     found: Row = finite_only(row)
     return found
+
+
+def _judged(conformity: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Verdict, probability of conformity with its Monte Carlo error and limits, specific risks.
+
+    The numbers are those of the limits that can be judged; none where no limit can be.
+    """
+    if not conformity:
+        return {}
+    if not any(limit["judged"] for limit in conformity["limits"]):
+        return {"conformity": conformity["verdict"]}
+    p = conformity["probability"]
+    risks = (conformity["consumer_risk"], conformity["producer_risk"])
+    values = (p["value"], p["u"], p["low"], p["high"], *risks)
+    return {"conformity": conformity["verdict"], **dict(zip(RISKS, values, strict=True))}
 
 
 def curves_of(m: Measurement) -> list[dict[str, Any]]:
@@ -79,15 +116,3 @@ def curves_of(m: Measurement) -> list[dict[str, Any]]:
             }
         )
     return found
-
-
-def _identity(job: Job) -> Row:
-    m = job.measurement
-    return {
-        "sample": job.sample,
-        "source": Path(job.source).name,
-        "wavelength_um": job.wavelength_um,
-        "n_brdf": None if m is None else len(m.brdf),
-        "n_dhr": None if m is None else len(m.dhr),
-        "curves": [] if m is None else curves_of(m),
-    }

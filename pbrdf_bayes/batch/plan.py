@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pbrdf_bayes import __version__
@@ -20,6 +20,7 @@ _NOT_DECISIVE = ("threads", "max_steps")
 _COLUMNS = (
     "polarization", "theta_i_deg", "theta_r_deg", "phi_r_deg", "value", "u_value", "repeated",
 )  # fmt: skip
+_ADVICE_ON_FILES = "check: --brdf-floor; fit: brdf_floor in the --config file"
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,10 +38,12 @@ class Job:
     measurement : Measurement or None
         None where the readings are not usable.
     folder : str
-        Name of the run folder: a function of readings, configuration, seed and version. Empty
-        where there is no measurement.
+        Name of the run folder: a function of name, readings, configuration, seed and version,
+        wherever the file is. Empty where there is no measurement of its own.
     error : str
         What is wrong with the readings.
+    repeat_of : int or None
+        Position in the batch of the sample with the same readings, which is fitted instead.
     """
 
     sample: str
@@ -49,13 +52,15 @@ class Job:
     measurement: Measurement | None = None
     folder: str = ""
     error: str = ""
+    repeat_of: int | None = None
 
 
 def plan_batch(files: Sequence[Path], config: RunConfig, *, seed: int) -> tuple[Job, ...]:
     """Every sample of every file, in the order given and, in a file, in that of its lines.
 
     A sample whose rows are bad leaves the others of its file usable. A file that cannot be read at
-    all is one job with an error.
+    all is one job with an error. Readings that an earlier sample has bit for bit, under whatever
+    name, are no measurement of their own: such a sample is a repeat.
 
     Parameters
     ----------
@@ -69,25 +74,34 @@ def plan_batch(files: Sequence[Path], config: RunConfig, *, seed: int) -> tuple[
         Run folders are all different, whatever the names of the samples are.
     """
     jobs: list[Job] = []
-    taken: set[str] = set()
+    first: dict[str, int] = {}
     for file in files:
         for job in _jobs_of(file, config.brdf_floor):
             if job.measurement is None:
                 jobs.append(job)
                 continue
-            folder = _folder_name(job, config, seed, taken)
-            taken.add(folder)
-            jobs.append(
-                Job(job.sample, job.source, job.wavelength_um, job.measurement, folder, job.error)
-            )
+            readings = _digest(job.measurement)
+            at = first.setdefault(readings, len(jobs))
+            if at < len(jobs):
+                jobs.append(replace(job, repeat_of=at, error=_repeat(jobs[at], at)))
+            else:
+                folder = _folder_name(job.measurement, readings, config, seed)
+                jobs.append(replace(job, folder=folder))
     return tuple(jobs)
+
+
+def _repeat(job: Job, at: int) -> str:
+    return (
+        f"the readings are those of No. {at + 1} to the last digit (sample {job.sample!r} of "
+        f"{Path(job.source).name}): fitted and counted once. Correct the file if these are two"
+    )
 
 
 def _jobs_of(file: Path, brdf_floor: float) -> list[Job]:
     try:
         content = read_samples(file, brdf_floor=brdf_floor)
     except DataError as error:
-        return [Job(file.name, str(file), error=str(error))]
+        return [Job(file.name, str(file), error=_for_a_batch(str(error)))]
     return [*_good(file, content), *_bad(file, content)]
 
 
@@ -101,24 +115,27 @@ def _first_line(m: Measurement) -> int:
 
 
 def _bad(file: Path, content: TidyFile) -> list[Job]:
-    return [Job(name, str(file), error=text) for name, text in content.errors.items()]
+    return [Job(name, str(file), error=_for_a_batch(text)) for name, text in content.errors.items()]
 
 
-def _folder_name(job: Job, config: RunConfig, seed: int, taken: set[str]) -> str:
-    """Name of the sample and a hash of all that its result is a function of."""
-    m = job.measurement
-    assert m is not None
-    found = hashlib.sha256()
+def _for_a_batch(error: str) -> str:
+    """The text without advice on verbs that have options which this one has not."""
+    return error.replace(_ADVICE_ON_FILES, "brdf_floor in the file of --config")
+
+
+def _digest(m: Measurement) -> str:
+    """Hash of wavelength and readings, without any name."""
+    found = hashlib.sha256(repr(m.wavelength_um).encode())
     for rows in (m.brdf, m.dhr):
         for name in _COLUMNS:
             found.update(getattr(rows, name).tobytes())
+    return found.hexdigest()
+
+
+def _folder_name(m: Measurement, readings: str, config: RunConfig, seed: int) -> str:
+    """Name of the sample and a hash of all that its result is a function of."""
     table = {k: v for k, v in config_table(config).items() if k not in _NOT_DECISIVE}
     scans = [scan.label for scan in m.scans]
-    decisive = [m.sample, m.wavelength_um, job.source, scans, table, seed, __version__]
-    found.update(json.dumps(decisive, sort_keys=True).encode())
-    number, name = 1, ""
-    while not name or name in taken:
-        again = found.hexdigest() if number == 1 else f"{found.hexdigest()}{number}"
-        name = f"{safe_name(m.sample)}-{hashlib.sha256(again.encode()).hexdigest()[:10]}"
-        number += 1
-    return name
+    decisive = [m.sample, readings, scans, table, seed, __version__]
+    text = json.dumps(decisive, sort_keys=True)
+    return f"{safe_name(m.sample)}-{hashlib.sha256(text.encode()).hexdigest()[:10]}"

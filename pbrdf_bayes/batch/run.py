@@ -12,15 +12,17 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from pbrdf_bayes.batch.at_work import forget, forget_all, look
 from pbrdf_bayes.batch.executors import Crew, cluster_crew, local_crew
 from pbrdf_bayes.batch.index import INDEX_FILES, write_index
-from pbrdf_bayes.batch.outcome import FAILED, Row, failed_row
+from pbrdf_bayes.batch.outcome import FAILED, Row, failed_row, open_row, repeat_row
 from pbrdf_bayes.batch.plan import Job, plan_batch
+from pbrdf_bayes.batch.progress import Progress, estimate_left
 from pbrdf_bayes.batch.work import Task, finished_before
 from pbrdf_bayes.compile_ahead import compile_ahead, likelihood_to_compile
 from pbrdf_bayes.config import AUTO, RunConfig
 from pbrdf_bayes.document import Document
-from pbrdf_bayes.errors import ConfigError, PbrdfError
+from pbrdf_bayes.errors import ClusterError, ConfigError, PbrdfError
 from pbrdf_bayes.inference.posterior import build_posterior
 from pbrdf_bayes.io.run_folder import locked, refuse_other_content
 from pbrdf_bayes.paperwork import Paperwork
@@ -30,28 +32,6 @@ from pbrdf_bayes.workflow import DEFAULT_SEED
 _INDEX_EVERY = 5.0
 _LOOK_EVERY = 0.5
 Rows = dict[int, Row]
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a batch is.
-
-    Attributes
-    ----------
-    row : mapping or None
-        What has just come out; None at the start.
-    n_done, n_samples : int
-    running : tuple of str
-        Samples handed to workers.
-    seconds_left : float or None
-        None until the first sample is done.
-    """
-
-    row: Row | None
-    n_done: int
-    n_samples: int
-    running: tuple[str, ...]
-    seconds_left: float | None
 
 
 @dataclass(frozen=True)
@@ -71,8 +51,13 @@ class BatchResult:
 
     @property
     def is_clean(self) -> bool:
-        """No sample failed, and no verdict is FAIL."""
-        return not any(row["status"] == FAILED or row["verdict"] == "FAIL" for row in self.samples)
+        """No sample failed, no verdict is FAIL, and where limits were given all are accepted."""
+        return not any(
+            row["status"] == FAILED
+            or row["verdict"] == "FAIL"
+            or row["conformity"] not in (None, "ACCEPT")
+            for row in self.samples
+        )
 
 
 def fit_batch(
@@ -107,14 +92,15 @@ def fit_batch(
         the same path.
     resume : bool
         Go on with ``out``: samples finished with the same readings, configuration, seed and version
-        are skipped, interrupted ones go on from their checkpoints. Limits and document are not
+        are skipped, interrupted ones go on from their checkpoints, wherever their files are now.
+        Limits and document are not
         among these: with them, samples that are finished are judged anew and not fitted again.
     limits : Specification, optional
         What every sample is judged against, see `read_limits`.
     document : Document, optional
         Items of every report, see `read_document`.
     told : callable, optional
-        Told about every sample that is done.
+        Told how far the batch is: after every sample, and twice a second in between.
     interrupted : callable, optional
         Asked twice a second whether to stop.
 
@@ -129,6 +115,8 @@ def fit_batch(
         what the model does not have or that need a reference.
     RunFolderError
         ``out`` is not empty, in use, or cannot be written.
+    ClusterError
+        The scheduler was lost; the index has what was done, and ``resume`` goes on.
     """
     if not files:
         msg = "no files. Give at least one CSV file"
@@ -178,6 +166,8 @@ class _Batch:
     index_written: float = -float("inf")
     began: float = field(default_factory=time.monotonic)
     n_computed: int = 0
+    n_workers: int = 1
+    lost: str = ""
 
     def run(self, crew: Crew, *, resume: bool) -> None:
         waiting: deque[int] = deque()
@@ -187,18 +177,27 @@ class _Batch:
                 waiting.append(i)
             else:
                 self.rows[i] = row
+        forget_all(self.out)
+        self.n_workers = crew.n_workers
         try:
             self._write()
+            for row in [r for r in self.rows.values() if r["error"]]:
+                self._tell(row)
             if waiting:
                 self._compile(waiting)
-                self._tell(None, waiting)
+                self._tell()
                 self._work_off(crew, waiting)
+        except ClusterError as error:
+            self.lost = str(error)
+            raise
         finally:
             self._write(whole=True)
 
     def _known(self, job: Job, *, resume: bool) -> Row | None:
         if job.measurement is None:
             return failed_row(job, job.error)
+        if job.repeat_of is not None:
+            return repeat_row(job)
         judged_anew = self.paperwork.amends
         return finished_before(self.out, job) if resume and not judged_anew else None
 
@@ -217,14 +216,16 @@ class _Batch:
 
         Which one it died of is not known. The second process lost with a sample alone in it is.
         """
+        self.began = time.monotonic()
         while waiting:
             for i in self._compute(crew, waiting, crew.n_workers):
                 if self._compute(crew, deque([i]), 1):
-                    self._take(i, failed_row(self.jobs[i], _LOST), waiting)
+                    self._take(i, failed_row(self.jobs[i], _LOST))
 
     def _compute(self, crew: Crew, waiting: deque[int], n_workers: int) -> list[int]:
         """Work off what waits; the samples that were in hand when a process died, if one did."""
         executor = crew.start(n_workers)
+        self.n_workers = n_workers
         broken: list[int] = []
         try:
             while (waiting or self.running) and not broken:
@@ -233,19 +234,24 @@ class _Batch:
                 for future in self._completed():
                     i = self.running.pop(future)
                     try:
-                        self._take(i, future.result(), waiting)
+                        self._take(i, future.result())
                     except BrokenExecutor:
                         broken.append(i)
+                    except crew.lost:
+                        raise
                     except Exception as error:  # of the cluster: it gave the sample up
-                        text = f"{type(error).__name__}: {error}"
-                        self._take(i, failed_row(self.jobs[i], text), waiting)
+                        self._take(i, failed_row(self.jobs[i], f"{type(error).__name__}: {error}"))
         except BrokenExecutor:  # on handing over
             broken += self.running.values()
+        except crew.lost:
+            raise ClusterError(_NO_SCHEDULER.format(len(self.rows), len(self.jobs))) from None
         finally:
+            in_hand = [*self.running.values(), *broken]
             if broken:
-                broken = sorted({*broken, *self.running.values()})
+                broken = sorted(set(in_hand))
             self.running.clear()
             crew.stop(executor)
+            forget(self.out, [self.jobs[i].folder for i in in_hand])
         return broken
 
     def _submit(self, executor: Executor, crew: Crew, waiting: deque[int]) -> None:
@@ -260,35 +266,55 @@ class _Batch:
             if self.interrupted is not None and self.interrupted():
                 raise KeyboardInterrupt
             done, _ = wait(self.running, timeout=_LOOK_EVERY, return_when=FIRST_COMPLETED)
+            if not done:
+                self._tell()
         yield from done
 
-    def _take(self, i: int, row: Row, waiting: Sequence[int]) -> None:
+    def _take(self, i: int, row: Row) -> None:
         self.rows[i] = row
         self.n_computed += 1
         self._write()
-        self._tell(row, waiting)
+        self._tell(row)
 
-    def _tell(self, row: Row | None, waiting: Sequence[int]) -> None:
+    def _tell(self, row: Row | None = None) -> None:
         if self.told is None:
             return
-        left = len(waiting) + len(self.running)
-        pace = (time.monotonic() - self.began) / self.n_computed if self.n_computed else None
-        running = tuple(self.jobs[i].sample for i in self.running.values())
+        jobs = [self.jobs[i] for i in self.running.values()]
+        at_work = look(self.out, {job.folder: job.sample for job in jobs}, most=self.n_workers)
+        running = [one.sample for one in at_work] or [job.sample for job in jobs[: self.n_workers]]
+        left = estimate_left(
+            time.monotonic() - self.began, n_computed=self.n_computed,
+            n_left=len(self.jobs) - len(self.rows), n_running=len(running),
+        )  # fmt: skip
         self.told(
             Progress(
-                row, len(self.rows), len(self.jobs), running, None if pace is None else pace * left
+                row, len(self.rows), len(self.jobs), tuple(running), left, self.n_workers, at_work
             )
         )
 
     def _write(self, *, whole: bool = False) -> None:
         """The index, at most every five seconds while the batch runs."""
         if whole or time.monotonic() - self.index_written >= _INDEX_EVERY:
-            found: list[dict[str, Any]] = [self.rows[i] for i in sorted(self.rows)]
-            write_index(self.out, found, n_samples=len(self.jobs))
+            found = dict(self.rows)
+            if self.lost:
+                left = (i for i in range(len(self.jobs)) if i not in found)
+                found |= {i: open_row(self.jobs[i], _NOT_REACHED) for i in left}
+            rows: list[dict[str, Any]] = [found[i] for i in sorted(found)]
+            finished = len(self.rows) == len(self.jobs)
+            write_index(self.out, rows, n_samples=len(self.jobs), finished=finished)
             self.index_written = time.monotonic()
 
 
 _LOST = (
     "the process that fitted this sample died twice, the second time with nothing else to do: out "
     "of memory, or killed. Fit this sample alone to see where it happens"
+)
+_NO_SCHEDULER = (
+    "the scheduler was lost with {} of {} samples done: it ended, or cannot be reached any more. "
+    "Nothing of what was done is lost. Start scheduler and workers again, and go on with --resume "
+    "and the same --out"
+)
+_NOT_REACHED = (
+    "not done yet: the scheduler was lost before this sample was. Start scheduler and workers "
+    "again, and go on with --resume"
 )

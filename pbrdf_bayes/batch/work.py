@@ -10,13 +10,15 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pbrdf_bayes.batch.at_work import forget, stage_writer
 from pbrdf_bayes.batch.outcome import DONE, SKIPPED, Row, failed_row, finished_row
 from pbrdf_bayes.batch.plan import Job
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.errors import PbrdfError, RunFolderError
-from pbrdf_bayes.io.run_folder import is_finished, load_summary
+from pbrdf_bayes.io.checkpoint import has_checkpoints, remove_checkpoints_of_other_files
+from pbrdf_bayes.io.run_folder import is_finished, load_summary, locked
 from pbrdf_bayes.paperwork import Paperwork, amend_folder
-from pbrdf_bayes.workflow import fit_into
+from pbrdf_bayes.workflow import Observer, fit_into
 
 ONE_THREAD = dict.fromkeys(
     (
@@ -63,13 +65,20 @@ def run_task(task: Task) -> Row:
     job, m, wanted = task.job, task.job.measurement, task.paperwork
     assert m is not None
     status = DONE
+    told = stage_writer(task.out, job.folder)
+    told("start")
     try:
         folder = own_folder(task.out, job.folder)
         if not _is_done(folder):  # it is where the process ended before it could say so
+            if has_checkpoints(folder):
+                with locked(folder):
+                    remove_checkpoints_of_other_files(folder, m.sha256)
             fit_into(
-                folder, m, task.config, seed=task.seed, resume=True, paperwork=wanted, brief=True
-            )
+                folder, m, task.config, seed=task.seed, resume=True, paperwork=wanted, brief=True,
+                observer=Observer(stage=told),
+            )  # fmt: skip
         elif wanted.amends:
+            told("judge")
             amend_folder(folder, wanted, brief=True)
             status = SKIPPED
         row = finished_row(
@@ -80,6 +89,8 @@ def run_task(task: Task) -> Row:
     except (ArithmeticError, ValueError, RuntimeError, OSError, MemoryError) as error:
         text = f"{type(error).__name__}: {error}. Fit this sample alone to see where it happens"
         return failed_row(job, text, seconds=time.perf_counter() - started)
+    finally:
+        forget(task.out, [job.folder])
     return row
 
 

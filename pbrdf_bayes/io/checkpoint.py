@@ -169,6 +169,22 @@ def remove_checkpoints(folder: Path) -> None:
         path.unlink(missing_ok=True)
 
 
+def remove_checkpoints_of_other_files(folder: Path, sha256: str) -> None:
+    """Remove those that were made when the readings stood in another file, or in an older state.
+
+    For a folder whose name vouches for the readings: the fit begins again instead of being refused.
+
+    Raises
+    ------
+    RunFolderError
+        A checkpoint is damaged.
+    """
+    for path in _paths(folder):
+        _, made_from = read_checkpoint(path)
+        if made_from.get("data") != sha256:
+            path.unlink(missing_ok=True)
+
+
 def _path(folder: Path, stage: str) -> Path:
     return folder / f"{_PREFIX}{stage}.npz"
 

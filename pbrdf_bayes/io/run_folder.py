@@ -20,6 +20,7 @@ import jsonschema
 import xarray as xr
 
 from pbrdf_bayes.errors import RunFolderError
+from pbrdf_bayes.io.locks import try_lock
 from pbrdf_bayes.io.netcdf_tree import tree_bytes
 from pbrdf_bayes.results import SCHEMA_VERSION, Analysis
 
@@ -112,16 +113,24 @@ def locked(folder: Path) -> Iterator[None]:
     Raises
     ------
     RunFolderError
-        When the folder cannot be made or another process holds it.
+        When the folder cannot be made, another process holds it, or the lock in it is a link.
     """
+    lock = folder / LOCK
+    if lock.is_symlink():  # opened, it would be followed out of the folder
+        msg = (
+            f"{lock}: is a symbolic link, which is not followed. Remove the link, or give another "
+            "folder with --out"
+        )
+        raise RunFolderError(msg)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+        flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
+        handle = os.open(lock, flags, 0o644)
     except OSError as error:
         msg = f"{folder}: cannot write there ({error.strerror}). Give another folder with --out"
         raise RunFolderError(msg) from None
     try:
-        if not _try_lock(handle):
+        if not try_lock(handle):
             msg = (
                 f"{folder}: another process is writing this run. Wait for it, or use another --out"
             )
@@ -129,42 +138,6 @@ def locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(handle)
-
-
-def _try_lock(handle: int) -> bool:
-    try:
-        if os.name == "nt":
-            import msvcrt
-
-            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
-        else:
-            import fcntl
-
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    return True
-
-
-@contextlib.contextmanager
-def only_one_at_a_time(path: Path) -> Iterator[None]:
-    """Wait until no other process is inside with the same file.
-
-    Raises
-    ------
-    OSError
-        The file cannot be written.
-    """
-    with path.open("a", encoding="utf-8") as handle:
-        if os.name == "nt":
-            import msvcrt
-
-            msvcrt.locking(handle.fileno(), msvcrt.LK_LOCK, 1)  # type: ignore[attr-defined,unused-ignore]
-        else:
-            import fcntl
-
-            fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
 
 
 def write_text(path: Path, text: str) -> None:

@@ -3,10 +3,18 @@
   const body = table.tBodies[0];
   const rows = [...body.rows];
   const heads = [...table.tHead.rows[0].cells];
-  const order = { FAIL: 0, WARN: 1, PASS: 2, "": 3 };
+  const order = { FAIL: 0, WARN: 1, PASS: 2, REJECT: 0, UNDECIDED: 1, ACCEPT: 2, "": 3 };
+  const cellOf = (row, column) => {
+    let at = 0;
+    for (const cell of row.cells) {
+      if (at === column) return cell.colSpan > 1 ? null : cell;
+      at += cell.colSpan;
+    }
+    return null;
+  };
   const key = (row, column, kind) => {
-    const cell = row.cells[column];
-    if (!cell || (column > 2 && cell.colSpan > 1) || cell.dataset.key === undefined) return null;
+    const cell = cellOf(row, column);
+    if (!cell || cell.dataset.key === undefined) return null;
     const text = cell.dataset.key;
     if (kind === "verdict") return order[text];
     if (kind === "number") return text === "" ? null : Number(text);
@@ -39,13 +47,17 @@
     });
   });
   const form = document.querySelector("form.tools");
-  const [words, verdict, shown] = ["words", "verdict", "shown"].map((id) => document.getElementById(id));
+  const [words, verdict, conformity, shown] = ["words", "verdict", "conformity", "shown"].map((id) => document.getElementById(id));
   const filter = () => {
     const wanted = words.value.toLowerCase();
     let count = 0;
     for (const row of rows) {
-      const name = row.querySelector("th").textContent.toLowerCase();
-      const fits = name.includes(wanted) && (!verdict.value || row.dataset.verdict === verdict.value);
+      const head = row.querySelector("th");
+      const name = `${head.dataset.key} ${head.querySelector(".what").textContent}`.toLowerCase();
+      const fits =
+        name.includes(wanted) &&
+        (!verdict.value || row.dataset.verdict === verdict.value) &&
+        (!conformity || !conformity.value || row.dataset.conformity === conformity.value);
       row.hidden = !fits;
       count += fits;
     }

@@ -11,6 +11,7 @@ from urllib.parse import quote
 
 from markupsafe import Markup
 
+from pbrdf_bayes.report.conformity import LOOK_OF, WORDS, probability_text
 from pbrdf_bayes.report.figures_batch import control_chart, sparkline
 from pbrdf_bayes.report.numbers import (
     MISSING,
@@ -25,6 +26,9 @@ from pbrdf_bayes.report.page import VERDICT_WORDS, environment
 
 Record = Mapping[str, Any]
 STATUS_WORDS = {"done": "done", "failed": "failed", "skipped": "done before"}
+_OPEN, _REPEAT = "not done yet", "repeat"
+_DECIDED = {"ACCEPT": "accepted", "REJECT": "rejected", "UNDECIDED": "undecided"}
+_FITTED = {"PASS": "pass", "WARN": "with a warning", "FAIL": "fail"}
 _PROVISIONAL_BELOW = 20
 _LONGEST_ERROR = 600
 
@@ -50,6 +54,10 @@ class SampleRow:
     status: str
     verdict: str
     conformity: str
+    probability: str
+    risk: str
+    wavelength: str
+    wavelength_key: str
     error: str
     spark: Markup
     rms: str
@@ -57,6 +65,15 @@ class SampleRow:
     seconds: str
     seconds_key: str
     cells: tuple[Cell, ...]
+
+
+@dataclass(frozen=True)
+class WavelengthSection:
+    """Charts and spreads of the samples at one wavelength."""
+
+    title: str
+    wavelength: str
+    parameters: tuple[ParameterSection, ...]
 
 
 @dataclass(frozen=True)
@@ -83,50 +100,111 @@ def render_batch(index: Record) -> str:
     -------
     str
     """
-    rows, compared = index["samples"], index["between_samples"]
+    rows, groups = index["samples"], index["by_wavelength"]
+    known = {n: r for row in rows for n, r in row["parameters"].items()}
+    names = list(dict.fromkeys(name for row in rows for name in row["parameters"]))
     conformity = any(row["conformity"] for row in rows)
     return environment().get_template("batch.html.j2").render(
-        rows=[_sample_row(i, row, list(compared)) for i, row in enumerate(rows)],
-        symbols=[(symbol_markup(r["symbol"]), r["unit"].strip("1")) for r in compared.values()],
-        parameters=[_section(name, record, rows) for name, record in compared.items()],
+        rows=[_sample_row(i, row, names) for i, row in enumerate(rows)],
+        symbols=[(symbol_markup(known[n]["symbol"]), known[n]["unit"].strip("1")) for n in names],
+        groups=[_group(group, rows, alone=len(groups) == 1) for group in groups],
         conformity=conformity, verdict_words=VERDICT_WORDS, lead=_lead(index),
-        n=len(rows), n_samples=index["n_samples"], finished=index["finished"],
-        version=index["version"], failing=sum(row["verdict"] == "FAIL" for row in rows),
-        tally=_tally(rows), total=seconds(sum(row["seconds"] or 0.0 for row in rows)),
+        decided_words=WORDS, looks=LOOK_OF,
+        n=len(rows) - sum(_is_open(row) for row in rows), n_samples=index["n_samples"],
+        finished=index["finished"], version=index["version"],
+        failing=sum(row["verdict"] == "FAIL" for row in rows),
+        tally=_decisions(rows) if conformity else _fits(rows),
+        total=seconds(sum(row["seconds"] or 0.0 for row in rows)),
     )  # fmt: skip
 
 
-def _tally(rows: Sequence[Record]) -> list[tuple[str, str, int]]:
-    """Words, class and number of each verdict, and of the samples without one."""
-    verdicts = Counter(row["verdict"] for row in rows)
-    words = {"PASS": "pass", "WARN": "with a warning", "FAIL": "fail", None: "without a result"}
+def _is_open(row: Record) -> bool:
+    return bool(row["status"] == "skipped" and not row["verdict"] and not row["repeat_of"])
+
+
+def _decisions(rows: Sequence[Record]) -> list[tuple[str, str, int]]:
+    """Words, class and number of each verdict on conformity, and of what has none."""
+    found = Counter(row["conformity"] for row in rows)
+    listed = [(words, LOOK_OF[v], found[v]) for v, words in _DECIDED.items()]
+    unjudged = sum(not row["conformity"] and bool(row["verdict"]) for row in rows)
+    return [*listed, *_present(("not judged", "NONE", unjudged), *_without(rows))]
+
+
+def _fits(rows: Sequence[Record]) -> list[tuple[str, str, int]]:
+    """Words, class and number of each verdict on a fit, and of the samples without one."""
+    found = Counter(row["verdict"] for row in rows)
+    listed = [(text, v, found[v]) for v, text in _FITTED.items() if found[v] or v == "PASS"]
+    return [*listed, *_present(*_without(rows))]
+
+
+def _without(rows: Sequence[Record]) -> list[tuple[str, str, int]]:
+    repeats = sum(bool(row["repeat_of"]) for row in rows)
+    left = sum(_is_open(row) for row in rows)
+    failed = sum(row["status"] == "failed" for row in rows)
     return [
-        (text, str(v or "NONE"), verdicts[v])
-        for v, text in words.items()
-        if verdicts[v] or v == "PASS"
-    ]
+        ("without a result", "NONE", failed), (f"repeat{'s' * (repeats != 1)}", "NONE", repeats),
+        (_OPEN, "NONE", left),
+    ]  # fmt: skip
+
+
+def _present(*counts: tuple[str, str, int]) -> list[tuple[str, str, int]]:
+    return [one for one in counts if one[2]]
 
 
 def _lead(index: Record) -> str:
     n, rows = index["n_samples"], index["samples"]
     if not index["finished"]:
-        return f"{len(rows)} of {n} samples so far. The batch goes on, or can go on with --resume."
+        done = len(rows) - sum(_is_open(row) for row in rows)
+        return f"{done} of {n} samples so far. The batch goes on, or can go on with --resume."
     failed = sum(row["status"] == "failed" for row in rows)
+    repeats = sum(bool(row["repeat_of"]) for row in rows)
+    results = n - failed - repeats
+    text = f"{_samples(n)}, " + (
+        f"{results} with a result" if failed or repeats else "all with a result"
+    )
+    if repeats:
+        one = repeats == 1
+        text += f". {repeats} {'has' if one else 'have'} the readings of another and "
+        text += f"{'is' if one else 'are'} not counted again"
+    return f"{_conformity_lead(rows)}{text}.{_chart_lead(index['by_wavelength'])}"
+
+
+def _samples(n: int) -> str:
+    return f"{n} sample{'s' * (n != 1)}"
+
+
+def _conformity_lead(rows: Sequence[Record]) -> str:
+    """How many the limits let pass, and what the fits themselves are."""
+    judged = [row["conformity"] for row in rows if row["conformity"]]
+    if not judged:
+        return ""
+    found, n = Counter(judged), len(judged)
+    accepted = found["ACCEPT"]
+    how_many = (
+        ("the one" if n == 1 else f"all {n}") if accepted == n else f"{accepted or 'none'} of {n}"
+    )
+    verb = "is" if accepted < 2 else "are"
+    text = f"{how_many} sample{'s' * (n != 1)} judged {verb} accepted"
+    for verdict, words in list(_DECIDED.items())[1:]:
+        text += f", {found[verdict]} {words}" if found[verdict] else ""
+    fits = Counter(row["verdict"] for row in rows)
+    fitted = ", ".join(f"{fits[v]} {words}" for v, words in _FITTED.items() if fits[v])
+    return f"By the limits given {text}. Fits: {fitted}. "
+
+
+def _chart_lead(groups: Sequence[Record]) -> str:
+    charted = [r for group in groups for r in group["parameters"].values() if r["chart"]]
+    if not charted:
+        return ""
     beyond = {
         record["rows"][i]
-        for record in index["between_samples"].values() if record["chart"]
+        for record in charted
         for i, out in enumerate(record["chart"]["beyond"]) if out
     }  # fmt: skip
-    text = f"{n} sample{'s' * (n != 1)}"
-    text += f", {failed} of them without a result" if failed else ", all with a result"
-    if any(record["chart"] for record in index["between_samples"].values()):
-        text += (
-            f". {len(beyond)} {'is' if len(beyond) == 1 else 'are'} beyond the limits of a control "
-            "chart"
-            if beyond
-            else ". None is beyond the limits of a control chart"
-        )
-    return f"{text}."
+    if not beyond:
+        return " None is beyond the limits of a control chart."
+    verb = "is" if len(beyond) == 1 else "are"
+    return f" {len(beyond)} {verb} beyond the limits of a control chart."
 
 
 def _sample_row(i: int, row: Record, names: Sequence[str]) -> SampleRow:
@@ -134,14 +212,41 @@ def _sample_row(i: int, row: Record, names: Sequence[str]) -> SampleRow:
     return SampleRow(
         number=i + 1, sample=row["sample"], source=row["source"],
         link=f"{quote(row['run'])}/report.html" if row["run"] else "",
-        status=STATUS_WORDS[row["status"]], verdict=row["verdict"] or "",
-        conformity=row["conformity"] or "",
+        status=_status(row), verdict=row["verdict"] or "",
+        conformity=row["conformity"] or "", probability=_probability(row), risk=_risk(row),
+        wavelength=number(row["wavelength_um"], digits=6),
+        wavelength_key=_key(row["wavelength_um"]),
         error=error if len(error) <= _LONGEST_ERROR else f"{error[:_LONGEST_ERROR]} …",
         spark=sparkline(row["curves"]),
         rms=number(row["rms_dex"], digits=2), rms_key=_key(row["rms_dex"]),
-        seconds=seconds(row["seconds"]), seconds_key=_key(row["seconds"]),
+        seconds=seconds(row["seconds"] or None), seconds_key=_key(row["seconds"]),
         cells=tuple(_cell(row["parameters"].get(name)) for name in names),
     )  # fmt: skip
+
+
+def _status(row: Record) -> str:
+    if row["repeat_of"]:
+        return f"{_REPEAT} of No. {row['repeat_of']}"
+    return _OPEN if _is_open(row) else STATUS_WORDS[row["status"]]
+
+
+def _probability(row: Record) -> str:
+    """Of conformity with all limits together; nothing where no limit can be judged."""
+    if row["p_conformity"] is None:
+        return ""
+    ends = {"low": row["p_conformity_low"], "high": row["p_conformity_high"]}
+    found = {"value": row["p_conformity"], "u": row["u_p_conformity"], **ends}
+    return probability_text(found)
+
+
+def _risk(row: Record) -> str:
+    """The specific risk of the decision; what it is at most where no draw speaks against it."""
+    if row["p_conformity"] is None or row["conformity"] not in ("ACCEPT", "REJECT"):
+        return ""
+    accepted = row["conformity"] == "ACCEPT"
+    value = row["consumer_risk"] if accepted else row["producer_risk"]
+    most = 1.0 - row["p_conformity_low"] if accepted else row["p_conformity_high"]
+    return f"below {percent(most)}" if value == 0.0 else percent(value)
 
 
 def _cell(record: Record | None) -> Cell:
@@ -159,13 +264,22 @@ def _key(value: Any) -> str:
     return "" if x is None else repr(x)
 
 
-def _section(name: str, record: Record, rows: Sequence[Record]) -> ParameterSection:
+def _group(group: Record, rows: Sequence[Record], *, alone: bool) -> WavelengthSection:
+    wavelength = number(group["wavelength_um"], digits=6)
+    title = "" if alone else f"{wavelength} µm"
+    sections = (_section(name, record, rows, title) for name, record in group["parameters"].items())
+    return WavelengthSection(title, wavelength, tuple(sections))
+
+
+def _section(name: str, record: Record, rows: Sequence[Record], at: str) -> ParameterSection:
     names = [rows[i]["sample"] for i in record["rows"]]
     chart = record["chart"]
-    beyond = [n for n, out in zip(names, chart["beyond"], strict=True) if out] if chart else []
+    numbered = [f"No. {i + 1} {n}" for i, n in zip(record["rows"], names, strict=True)]
+    beyond = [n for n, out in zip(numbered, chart["beyond"], strict=True) if out] if chart else []
     n_counted = sum(record["counted"])
     label = (
-        f"{record['symbol']} of {len(names)} samples in order, {len(beyond)} beyond their limits"
+        f"{record['symbol']} of {_samples(len(names))}{' at ' * bool(at)}{at} in order, "
+        f"{len(beyond)} beyond their limits"
     )
     note = "" if chart else "Limits need at least four samples that did not fail."
     if chart and n_counted < _PROVISIONAL_BELOW:

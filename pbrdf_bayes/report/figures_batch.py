@@ -64,7 +64,7 @@ def control_chart(record: Record, names: Sequence[str], *, label: str) -> Markup
     record : mapping
         An entry of ``between_samples`` of the index.
     names : sequence of str
-        Of the samples drawn, in their order.
+        Of the samples drawn, in their order; the marks bear their numbers in the table too.
     label : str
         Text alternative.
     """
@@ -88,11 +88,12 @@ def control_chart(record: Record, names: Sequence[str], *, label: str) -> Markup
     def shown(v: float) -> float:
         return exp(v) if is_log else v
 
-    parts = [_ticks(low, high, y, shown), _samples_axis(len(values), x, height)]
+    parts = [_ticks(low, high, y, shown), _samples_axis(record["rows"], x, height)]
     if chart:
         parts.append(_limits(chart, x, y, step))
-    for i, (value, w, name) in enumerate(zip(values, u, names, strict=True)):
+    for i, (value, w, sample) in enumerate(zip(values, u, names, strict=True)):
         counted, beyond = record["counted"][i], bool(chart and chart["beyond"][i])
+        name = f"No. {record['rows'][i] + 1}, {sample}"
         parts.append(
             _mark(x(i), y, value, w, counted=counted, beyond=beyond, name=name, shown=shown)
         )
@@ -127,11 +128,12 @@ def nice_ticks(low: float, high: float, shown: Any) -> list[tuple[float, float]]
     return [(v, log(v) if is_log else v) for v in values if v > 0.0 or not is_log]
 
 
-def _samples_axis(n: int, x: Any, height: float) -> str:
-    every = max(1, ceil(n / 10))
+def _samples_axis(rows: Sequence[int], x: Any, height: float) -> str:
+    """Numbers of the table under the marks, as many as there is room for."""
+    every = max(1, ceil(len(rows) / 10))
     marks = [
-        f'<text x="{x(i):.1f}" y="{height - 12:.0f}" text-anchor="middle">{i + 1}</text>'
-        for i in range(0, n, every)
+        f'<text x="{x(i):.1f}" y="{height - 12:.0f}" text-anchor="middle">{rows[i] + 1}</text>'
+        for i in range(0, len(rows), every)
     ]
     return "".join(marks)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import os
 import re
@@ -11,8 +12,10 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -21,16 +24,21 @@ import pytest
 
 import pbrdf_bayes as pb
 from pbrdf_bayes.batch import run as batch_run
+from pbrdf_bayes.batch.at_work import AtWork, forget, look, stage_writer
 from pbrdf_bayes.batch.executors import Crew
-from pbrdf_bayes.batch.outcome import finished_row
-from pbrdf_bayes.batch.plan import plan_batch
+from pbrdf_bayes.batch.index import harmless, write_index
+from pbrdf_bayes.batch.outcome import failed_row, finished_row
+from pbrdf_bayes.batch.plan import Job, plan_batch
+from pbrdf_bayes.batch.progress import Progress
+from pbrdf_bayes.batch.terminal import teller
 from pbrdf_bayes.cli import main
+from pbrdf_bayes.io.checkpoint import write_checkpoint
 
 COMMAND = [sys.executable, "-m", "pbrdf_bayes", "batch"]
 HEADER = "sample,wavelength_um,quantity,polarization,theta_i_deg,theta_r_deg,value"
 FITTED = ["../../escape", "<script>alert(1)</script>", "=1+1", "Lot"]
-DONE = " s)\n"
-"""End of the line that says that a sample is done."""
+DONE = " s)"
+"""In the line that says that a sample is done."""
 LIMITS = """rule = "simple"
 [[limit]]
 name = "roughness"
@@ -102,8 +110,10 @@ def finished(tmp_path_factory, quick) -> Path:
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stdout == f"{home / 'out'}\n"
-    assert "samples" in done.stderr
-    assert "left; in hand: " in done.stderr
+    said = [line for line in done.stderr.splitlines() if line.startswith("[")]
+    assert [line.split("]")[0] for line in said] == ["[3/8"] * 3 + [f"[{i}/8" for i in range(4, 9)]
+    assert all(line.endswith(" left") for line in said[3:-1])
+    assert not list((home / "out").glob(".at_work*"))
     return home
 
 
@@ -122,6 +132,8 @@ def test_every_sample_has_a_row(finished):
             assert record["mean"] == run["parameters"][name]["mean"]
     errors = {row["sample"]: row["error"] for row in rows if row["status"] == "failed"}
     assert "column value" in errors["bad"]
+    assert "noise floor (brdf_floor in the file of --config)" in errors["bad"]
+    assert "check:" not in errors["bad"]
     assert "no such file" in errors["absent.csv"]
 
 
@@ -165,7 +177,12 @@ def test_every_sample_is_judged(finished, tmp_path, quick, capsys, signals_as_be
     rows = [row for row in index_of(out)["samples"] if row["status"] != "failed"]
     for row in rows:
         summary = json.loads((out / row["run"] / "summary.json").read_text("utf-8"))
-        assert row["conformity"] == summary["conformity"]["verdict"]
+        found = summary["conformity"]
+        assert row["conformity"] == found["verdict"]
+        if any(limit["judged"] for limit in found["limits"]):
+            assert row["p_conformity"] == found["probability"]["value"]
+            assert row["consumer_risk"] == found["consumer_risk"]
+            assert row["producer_risk"] == found["producer_risk"]
         assert summary["document"]["laboratory"] == "Laboratory <1>"
         draws = pb.load_analysis(out / row["run"]).draws["posterior"]["rho0"].values
         if row["verdict"] != "FAIL" and summary["parameters"]["rho0"]["identified"]:
@@ -178,6 +195,12 @@ def test_every_sample_is_judged(finished, tmp_path, quick, capsys, signals_as_be
     limits = tmp_path / "other.toml"
     limits.write_text(f"{LIMITS}upper = 0.1\n")
     options = [str(finished / "good.csv"), "--out", str(out), *quick, "--resume", "--quiet"]
+    assert main(["batch", *options, "--limits", str(limits)]) == 0
+    good = write_samples(tmp_path / "good.csv", FITTED)
+    strict = [str(good), *options[1:], "--limits", str(limits), "--strict"]
+    assert main(["batch", *strict]) == 4
+    assert not any(row["verdict"] == "FAIL" for row in index_of(out)["samples"])
+    assert {row["status"] for row in index_of(out)["samples"]} == {"skipped"}
     assert main(["batch", *options, "--limits", str(limits)]) == 0
     again = {row["run"]: row for row in index_of(out)["samples"] if row["run"]}
     assert len(again) == len(FITTED)
@@ -210,6 +233,11 @@ def test_a_link_out_of_the_folder_is_refused(tmp_path, quick, capsys, signals_as
     (row,) = index_of(out)["samples"]
     assert row["status"] == "failed"
     assert "symbolic link" in row["error"]
+    assert list(outside.iterdir()) == []
+    (out / ".lock").unlink()
+    (out / ".lock").symlink_to(outside / "made")
+    assert main(["batch", str(file), "--out", str(out), *quick, "--resume", "--quiet"]) == 2
+    assert ".lock: is a symbolic link, which is not followed" in capsys.readouterr().err
     assert list(outside.iterdir()) == []
     assert (
         main(
@@ -261,7 +289,7 @@ def test_interrupted_resumed_and_a_worker_killed_nothing_is_lost(tmp_path, quick
     assert 1 <= len(before) < 4
     assert not index_of(out)["finished"]
 
-    process = start([file], out, *quick, "--workers", "2", "--resume", until="in hand: ")
+    process = start([file], out, *quick, "--workers", "2", "--resume", until=DONE)
     workers_of(process)[0].send_signal(signal.SIGKILL)
     process.communicate(timeout=120)
     assert process.returncode == 0
@@ -274,7 +302,7 @@ def test_interrupted_resumed_and_a_worker_killed_nothing_is_lost(tmp_path, quick
 
 def test_when_the_parent_is_killed_its_workers_end(tmp_path, quick):
     file = write_samples(tmp_path / "many.csv", [f"lot {i}" for i in range(3)])
-    process = start([file], tmp_path / "out", *quick, "--workers", "2", until="in hand: ")
+    process = start([file], tmp_path / "out", *quick, "--workers", "2", until=DONE)
     children = workers_of(process)
     assert len(children) == 2
     process.kill()
@@ -335,7 +363,11 @@ def test_a_sample_that_kills_its_process_twice_is_listed(tmp_path, monkeypatch):
 
     crew = Crew(pool, 2, lambda _: None)
     monkeypatch.setattr(batch_run, "_crew", lambda *_: batch_crew(crew))
-    found = batch_run.fit_batch([file], out=tmp_path / "out")
+    told: list[Progress] = []
+    found = batch_run.fit_batch([file], out=tmp_path / "out", told=told.append)
+    assert all(len(one.running) <= one.n_workers for one in told)
+    after = [one for one in told if one.n_done]
+    assert [one.seconds_left == 0.0 for one in after] == [one.n_done == 6 for one in after]
     assert {row["sample"]: row["status"] for row in found.samples} == {
         name: "failed" if name == "deadly" else "done" for name in names
     }
@@ -367,6 +399,32 @@ def test_any_name_has_a_safe_folder_of_its_own(tmp_path):
     ]  # fmt: skip
 
 
+def test_a_file_that_has_grown_does_not_stop_an_interrupted_sample(
+    tmp_path, quick, signals_as_before
+):
+    """Its readings are the same; what was stored under the file's old hash is begun again."""
+    config = pb.RunConfig(accuracy="draft", holdout="none", noise="iid", threads=1)
+    file, out = write_samples(tmp_path / "a.csv", ["one"]), tmp_path / "out"
+    (job,) = plan_batch([file], config, seed=1)
+    assert job.measurement is not None
+    stored = out / job.folder / "checkpoint_sample.npz"
+    stored.parent.mkdir(parents=True)
+    (out / "index.json").write_text("{}")
+    write_checkpoint(stored, {"z": np.zeros(3)}, {"data": job.measurement.sha256, "seed": 1})
+    written = stored.read_bytes()
+    options = ["--out", str(out), *quick, "--resume", "--quiet"]
+    assert main(["batch", str(file), *options]) == 0
+    (row,) = index_of(out)["samples"]
+    assert "is a checkpoint of something else" in row["error"]  # of the same file: of what else?
+    assert stored.read_bytes() == written
+    file.write_text(file.read_text() + "two,3.39,brdf,s,20,5,-1\n")
+    assert main(["batch", str(file), *options]) == 0
+    one, two = index_of(out)["samples"]
+    assert (one["status"], two["status"]) == ("done", "failed")
+    assert one["run"] == job.folder
+    assert not stored.exists()
+
+
 def test_folders_are_a_function_of_what_a_run_is_made_from(tmp_path):
     file = write_samples(tmp_path / "a.csv", ["one", "two"])
     config = pb.RunConfig(accuracy="draft")
@@ -379,10 +437,216 @@ def test_folders_are_a_function_of_what_a_run_is_made_from(tmp_path):
     more = write_samples(tmp_path / "a.csv", ["one", "two", "three"])
     assert [job.folder for job in plan_batch([more], config, seed=1)][:2] == first
     assert all({j.folder for j in jobs}.isdisjoint(first) for jobs in changed)
-    twice = [job.folder for job in plan_batch([file, file], config, seed=1)]
-    assert len(set(twice)) == 6
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    for spelled in (
+        tmp_path / "elsewhere" / ".." / "a.csv",
+        shutil.copy(more, elsewhere / "b.csv"),
+    ):
+        assert [job.folder for job in plan_batch([spelled], config, seed=1)][:2] == first
     steps = pb.RunConfig(accuracy="draft", max_steps=99_999, threads=7)
     assert [job.folder for job in plan_batch([file], steps, seed=1)][:2] == first
+
+
+class Immediate(Executor):
+    """Has every sample done as soon as it is handed over."""
+
+    def __init__(self, **found: object) -> None:
+        self.found, self.asked = found, []
+
+    def submit(self, fn, task):  # type: ignore[override]
+        self.asked.append(task.job.sample)
+        future: Future = Future()
+        future.set_result({**row_of(task.job), **self.found})
+        return future
+
+
+def test_the_same_readings_are_fitted_and_counted_once(
+    tmp_path, monkeypatch, capsys, signals_as_before
+):
+    """The file twice, and its readings under another name; the same name is no repeat."""
+    file = write_samples(tmp_path / "a.csv", ["one", "two"])
+    copied = [line.replace('"one"', '"uno"') for line in rows_of("one", 1)]
+    (tmp_path / "b.csv").write_text("\n".join([HEADER, *copied, *rows_of("two", 9)]) + "\n")
+    pool = Immediate()
+    crew = batch_crew(Crew(lambda _: pool, 2, lambda _: None))
+    monkeypatch.setattr(batch_run, "_crew", lambda *_: crew)
+    files = [str(file), str(tmp_path / "." / "b.csv"), str(file)]
+    out = tmp_path / "out"
+    assert main(["batch", *files, "--out", str(out), "--strict"]) == 0
+    assert pool.asked == ["one", "two", "two"]
+    rows = index_of(out)["samples"]
+    assert [row["sample"] for row in rows] == ["one", "two", "uno", "two", "one", "two"]
+    assert [row["repeat_of"] for row in rows] == [None, None, 1, None, 1, 2]
+    assert [row["status"] for row in rows] == ["done", "done", "skipped", "done", *["skipped"] * 2]
+    said = capsys.readouterr().err
+    assert said.count("warning: the readings are those of No. 1 to the last digit") == 2
+    assert "repeat of No. 1" in (out / "index.html").read_text("utf-8")
+    quietly = ["--quiet", "--out", str(tmp_path / "again")]
+    assert main(["batch", *files, *quietly]) == 0
+    assert capsys.readouterr().err.count("warning: No. ") == 3
+
+
+@pytest.mark.parametrize("decided", ["REJECT", "UNDECIDED", "ACCEPT"])
+def test_strict_is_about_conformity_too(tmp_path, monkeypatch, signals_as_before, decided):
+    file = write_samples(tmp_path / "a.csv", ["one"])
+    crew = batch_crew(Crew(lambda _: Immediate(conformity=decided), 1, lambda _: None))
+    monkeypatch.setattr(batch_run, "_crew", lambda *_: crew)
+    options = [str(file), "--out", str(tmp_path / "out"), "--quiet"]
+    assert main(["batch", *options, "--strict"]) == (0 if decided == "ACCEPT" else 4)
+
+
+def wave_row(i: int, wavelength_um: float, n: float) -> dict[str, object]:
+    """A row of the index; No. 2 has no result."""
+    (job,) = (Job(f"lot {i}", "a.csv", wavelength_um),)
+    if i == 2:
+        return failed_row(job, "no readings")
+    n_record = {
+        "symbol": "n", "unit": "1", "kind": "physical", "mean": n, "sd": 0.01, "median": n,
+        "q025": n - 0.0196, "q975": n + 0.0196, "identified": True,
+    }  # fmt: skip
+    return {**row_of(job), "parameters": {"n": n_record}}
+
+
+def test_every_wavelength_has_its_own_charts_and_spread(tmp_path):
+    """Dispersion of a paint is no spread between its samples. Marks bear numbers of the table."""
+    at = {3.39: [1.50, 1.52, 1.49, 1.51, 1.53], 10.6: [2.20, 2.21, 2.19, 2.22, 2.18]}
+    pairs = [
+        (w, n) for both in zip(*at.values(), strict=True) for w, n in zip(at, both, strict=True)
+    ]
+    pairs.insert(1, (3.39, 9.9))
+    rows = [wave_row(i, w, n) for i, (w, n) in enumerate(pairs, start=1)]
+    write_index(tmp_path, rows, n_samples=len(rows))
+    index = index_of(tmp_path)
+    assert index["between_samples"] is None
+    assert [group["wavelength_um"] for group in index["by_wavelength"]] == [3.39, 10.6]
+    for group, values in zip(index["by_wavelength"], at.values(), strict=True):
+        record = group["parameters"]["n"]
+        sigma = np.mean(np.abs(np.diff(values))) * np.sqrt(np.pi) / 2.0
+        assert record["values"] == values
+        assert record["chart"]["centre"] == pytest.approx(np.mean(values), rel=1e-12)
+        assert record["chart"]["high"] == pytest.approx(np.mean(values) + 3.0 * sigma, rel=1e-12)
+        assert record["spread"]["n"] == 5
+        assert record["spread"]["sd_q975"] < 0.1  # of both together 0.35 and more
+    page = (tmp_path / "index.html").read_text("utf-8")
+    assert re.findall(r'<h3 class="wavelength">(.*?)</h3>', page) == ["3.39 µm", "10.6 µm"]
+    charts = re.findall(r'<svg class="plot chart".*?</svg>', page, flags=re.DOTALL)
+    marks = [re.findall(r'text-anchor="middle">(\d+)<', chart) for chart in charts]
+    assert marks == [["1", "4", "6", "8", "10"], ["3", "5", "7", "9", "11"]]
+    with (tmp_path / "index.csv").open(encoding="utf-8", newline="") as file:
+        waves = [row["wavelength_um"] for row in csv.DictReader(file)]
+    assert waves == [str(w) for w, _ in pairs]
+
+    alone = [row for row in rows if row["wavelength_um"] == 3.39]
+    write_index(tmp_path, alone, n_samples=len(alone))
+    index = index_of(tmp_path)
+    assert index["between_samples"] == index["by_wavelength"][0]["parameters"]
+    assert 'class="wavelength"' not in (tmp_path / "index.html").read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    "unseen", ["", " ", "\u00a0", "\u3000", "\u2003", "\u200b", "\ufeff", "\t"]
+)
+@pytest.mark.parametrize(
+    "sign", ["=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20", "\u2212"]
+)
+def test_no_cell_is_a_formula(unseen, sign):
+    """Spaces that nobody sees and the full-width forms, which some programs take for the plain."""
+    assert harmless(f"{unseen}{sign}1+1") == f"'{unseen}{sign}1+1"
+    assert harmless(f"lot{unseen}{sign}1") == f"lot{unseen}{sign}1"
+
+
+def test_what_each_worker_does_is_told(tmp_path):
+    """Also by one that was killed and left its note; at most as many as there are workers."""
+    waiting = {"folder-a": "a", "folder-b": "b", "folder-c": "c"}
+    assert look(tmp_path, waiting, most=2) == ()
+    told = stage_writer(tmp_path, "folder-a")
+    told("a long name of a stage, which is followed by a short one")
+    told("sample")
+    (one,) = look(tmp_path, waiting, most=2)
+    assert (one.sample, one.stage) == ("a", "sample")
+    assert one.worker.endswith(str(os.getpid()))
+    for i, name in enumerate(("folder-b", "folder-c")):
+        stage_writer(tmp_path, name)("predict")
+        os.utime(next(tmp_path.glob(f".*{name}")), (2e9 + i, 2e9 + i))
+    assert sorted(one.sample for one in look(tmp_path, waiting, most=2)) == ["b", "c"]
+    forget(tmp_path, waiting)
+    assert list(tmp_path.iterdir()) == []
+
+    (tmp_path / "outside").write_text("as it was")
+    (tmp_path / ".at_work-folder-a").symlink_to(tmp_path / "outside")
+    told("report")
+    assert (tmp_path / "outside").read_text() == "as it was"
+    assert look(tmp_path, waiting, most=2) == ()
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_terminal_has_a_line_for_each_worker(monkeypatch):
+    """Written over while it runs; what is done stays above it."""
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "60")
+    tell = teller()
+    work = (AtWork("host 11", "lot 1", "sample", 3.0), AtWork("host 12", "x" * 99, "predict", 1.0))
+    tell(Progress(None, 0, 3, ("lot 1", "x" * 99), None, 2, work))
+    first = screen.getvalue()
+    assert first.splitlines()[0].split("] ")[1] == "0/3 samples"
+    assert first.splitlines()[1] == "  worker host 11: 'lot 1', sample, 3 s"
+    assert [len(line) < 60 for line in first.splitlines()] == [True] * 3
+    row = {"sample": "lot 1", "verdict": "PASS", "conformity": "REJECT", "seconds": 4.0,
+           "repeat_of": None, "status": "done", "error": None}  # fmt: skip
+    tell(Progress(row, 1, 3, ("x" * 99,), 130.0, 2, work[1:]))
+    second = screen.getvalue()[len(first) :]
+    assert second.startswith("\x1b[3F\x1b[J[1/3] 'lot 1': PASS, REJECT (4.0 s), about 2 min left\n")
+    assert second.splitlines()[-1] == "  worker: starts or waits"
+    tell(Progress({**row, "sample": "lot 3"}, 3, 3, (), 0.0, 2))
+    assert screen.getvalue().endswith("\x1b[3F\x1b[J[3/3] 'lot 3': PASS, REJECT (4.0 s)\n")
+
+
+class GoneError(Exception):
+    """Stands for what a client says whose scheduler is gone."""
+
+
+class Losing(Immediate):
+    """Its scheduler goes when the third sample is handed over; even to be stopped is too much."""
+
+    def submit(self, fn, task):
+        if len(self.asked) < 2:
+            return super().submit(fn, task)
+        if len(self.asked) == 3:
+            raise GoneError
+        self.asked.append(task.job.sample)
+        future: Future = Future()
+        future.set_exception(GoneError())
+        return future
+
+
+def test_a_scheduler_that_goes_leaves_the_rest_open(
+    tmp_path, monkeypatch, capsys, signals_as_before
+):
+    names = [f"lot {i}" for i in range(5)]
+    file, out = write_samples(tmp_path / "a.csv", names), tmp_path / "out"
+    crew = batch_crew(Crew(lambda _: Losing(), 1, lambda _: None, lost=(GoneError,)))
+    monkeypatch.setattr(batch_run, "_crew", lambda *_: crew)
+    assert main(["batch", str(file), "--out", str(out), "--quiet"]) == 3
+    said = capsys.readouterr().err
+    assert "the scheduler was lost with 2 of 5 samples done" in said
+    assert "--resume" in said
+    assert list(statuses(out).items()) == [
+        *((n, "done") for n in names[:2]),
+        *((n, "skipped") for n in names[2:]),
+    ]
+    index = index_of(out)
+    assert not index["finished"]
+    assert all("the scheduler was lost" in row["error"] for row in index["samples"][2:])
+    page = (out / "index.html").read_text("utf-8")
+    assert "2 of 5 samples so far" in page
+    assert "not done yet" in page
 
 
 def test_a_scheduler_that_is_not_there_is_one_error(
@@ -402,16 +666,17 @@ def test_a_scheduler_that_is_not_there_is_one_error(
     assert "pip install 'pbrdf-bayes[cluster]'" in capsys.readouterr().err
 
 
-def test_a_cluster_loses_nothing_when_a_worker_is_killed(tmp_path, quick):
-    pytest.importorskip("distributed")
+@contextmanager
+def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """Address of a scheduler with two workers; the three processes."""
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     bin_folder = Path(sys.executable).parent
     info = tmp_path / "scheduler.json"
+    quiet = {"env": environment, "stderr": subprocess.DEVNULL, "stdout": subprocess.DEVNULL}
     processes = [
         subprocess.Popen(
             [str(bin_folder / "dask"), "scheduler", "--port", "0", "--no-dashboard",
-             "--scheduler-file", str(info)],
-            env=environment, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+             "--scheduler-file", str(info)], **quiet,
         )
     ]  # fmt: skip
     try:
@@ -423,11 +688,21 @@ def test_a_cluster_loses_nothing_when_a_worker_is_killed(tmp_path, quick):
             subprocess.Popen(
                 [str(bin_folder / "dask"), "worker", address, "--nthreads", "1", "--no-nanny",
                  "--no-dashboard", "--name", name, "--local-directory", str(tmp_path / "dask")],
-                env=environment, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+                **quiet,
             )
             for name in ("first", "second")
         ]  # fmt: skip
         wait_for_workers(address, 2)
+        yield address, processes
+    finally:
+        for one in processes:
+            one.kill()
+            one.wait()
+
+
+def test_a_cluster_loses_nothing_when_a_worker_is_killed(tmp_path, quick):
+    pytest.importorskip("distributed")
+    with cluster(tmp_path) as (address, processes):
         file = write_samples(tmp_path / "many.csv", [f"lot {i}" for i in range(3)])
         out = tmp_path / "out"
         process = start([file], out, *quick, "--scheduler", address, until=DONE)
@@ -438,10 +713,29 @@ def test_a_cluster_loses_nothing_when_a_worker_is_killed(tmp_path, quick):
         assert len(list(out.glob("*/summary.json"))) == 3
         logs = [p.read_text() for p in out.glob("*/log.txt")]
         assert all(text.count("report:") == 1 for text in logs)
-    finally:
-        for one in processes:
-            one.kill()
-            one.wait()
+
+
+def test_when_the_scheduler_is_killed_what_is_done_is_kept(tmp_path, quick):
+    """One message and no traceback; another cluster goes on."""
+    pytest.importorskip("distributed")
+    file = write_samples(tmp_path / "many.csv", [f"lot {i}" for i in range(6)])
+    out = tmp_path / "out"
+    with cluster(tmp_path) as (address, processes):
+        process = start([file], out, *quick, "--scheduler", address, until=DONE)
+        processes[0].kill()
+        printed, said = process.communicate(timeout=120)
+    assert process.returncode == 3, said
+    assert printed == ""
+    assert said.count("the scheduler was lost") == 1
+    assert "--resume" in said
+    assert "Traceback" not in said
+    assert set(statuses(out).values()) == {"done", "skipped"}
+    assert not index_of(out)["finished"]
+    options = [str(file), "--out", str(out), *quick, "--resume", "--quiet", "--strict"]
+    done = subprocess.run([*COMMAND, *options], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert index_of(out)["finished"]
+    assert all(row["verdict"] for row in index_of(out)["samples"])
 
 
 def wait_for_workers(address: str, n: int) -> None:

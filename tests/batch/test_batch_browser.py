@@ -8,8 +8,14 @@ from typing import Any
 import pytest
 
 from pbrdf_bayes.batch.index import write_index
+from pbrdf_bayes.batch.outcome import RISKS
 
 pytestmark = pytest.mark.browser
+ERROR = (
+    "lots.csv: 2 problems, nothing was read.\n  line 12, column value: -1 is not allowed, it must be "
+    "> 0 sr^-1. Give the instrument's noise floor (brdf_floor in the file of --config) so that the "
+    "reading is treated as censored, or flag the row.\n  line 13, column value: the last word is here"
+)
 
 
 def parameter(symbol: str, mean: float, sd: float) -> dict[str, Any]:
@@ -19,7 +25,7 @@ def parameter(symbol: str, mean: float, sd: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def row(i: int, verdict: str | None) -> dict[str, Any]:
+def row(i: int, verdict: str | None, **found: Any) -> dict[str, Any]:
     theta = [-60.0, 0.0, 60.0]
     return {
         "sample": f"lot {i} <b>&", "source": "lots.csv", "wavelength_um": 3.39, "n_brdf": 6,
@@ -29,9 +35,11 @@ def row(i: int, verdict: str | None) -> dict[str, Any]:
         ],
         "status": "done" if verdict else "failed", "verdict": verdict, "headline": "",
         "run": f"lot_{i}-0" if verdict else None, "seconds": 10.0 - i, "conformity": None,
-        "error": None if verdict else "lots.csv: 1 problem, nothing was read.", "rms_dex": 0.01 * i,
+        "error": None if verdict else ERROR, "rms_dex": 0.01 * i, "repeat_of": None,
+        **dict.fromkeys(RISKS),
         "parameters": {"n": parameter("n", 1.5 + 0.01 * (i * 7 % 5), 0.002),
                        "rho0": parameter("ρ_0", 0.4 + 0.02 * (i % 3), 0.001)} if verdict else {},
+        **found,
     }  # fmt: skip
 
 
@@ -40,6 +48,17 @@ def index(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("index")
     verdicts = ["PASS", "WARN", "PASS", None, "FAIL", "PASS", "PASS"]
     write_index(folder, [row(i, v) for i, v in enumerate(verdicts, start=1)], n_samples=7)
+    return folder / "index.html"
+
+
+@pytest.fixture(scope="module")
+def judged(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ten samples that all pass their checks, of which the limits let none pass; one without."""
+    folder = tmp_path_factory.mktemp("judged")
+    p = {"p_conformity": 0.0, "u_p_conformity": 0.0, "p_conformity_low": 0.0,
+         "p_conformity_high": 0.0037, "consumer_risk": 1.0, "producer_risk": 0.0}  # fmt: skip
+    rows = [row(i, "PASS", conformity="REJECT", **p) for i in range(1, 11)]
+    write_index(folder, [*rows, row(11, None)], n_samples=11)
     return folder / "index.html"
 
 
@@ -99,3 +118,66 @@ def test_nothing_sticks_out_and_it_reads_without_scripts(browser, index, width):
     )
     assert (ink, paper) == ("rgb(230, 233, 236)", "rgb(21, 24, 28)")
     context.close()
+
+
+def test_rejections_lead_and_have_a_filter(browser, judged):
+    """Green fits do not hide them: the large numbers are those of the limits, in their colours."""
+    context = browser.new_context(offline=True)
+    page = context.new_page()
+    page.goto(judged.as_uri())
+    tally = page.locator(".tally div")
+    assert [part.inner_text().split("\n") for part in tally.all()] == [
+        ["0", "accepted"], ["10", "rejected"], ["0", "undecided"], ["1", "without a result"],
+    ]  # fmt: skip
+    assert tally.nth(1).get_attribute("class") == "FAIL"
+    lead = page.inner_text(".headline")
+    assert lead.startswith(
+        "By the limits given none of 10 samples judged is accepted, 10 rejected."
+    )
+    cell = page.locator("#table tbody tr").first.locator("td.verdict").first
+    assert cell.inner_text().split("\n") == [
+        "Reject",
+        "pc below 0.37\u202f%",
+        "risk below 0.37\u202f%",
+    ]
+    page.get_by_label("Conformity").select_option("REJECT")
+    assert shown(page) == [str(i) for i in range(1, 11)]
+    page.get_by_label("Conformity").select_option("none")
+    assert shown(page) == ["11"]
+    page.get_by_label("Fit").select_option("PASS")
+    assert shown(page) == []
+    context.close()
+
+
+@pytest.mark.parametrize(
+    ("decided", "said"),
+    [
+        ("A", "the one sample judged is accepted. Fits: 1 pass. 1 sample, all with a result."),
+        ("R", "none of 1 sample judged is accepted, 1 rejected."),
+        ("AAA", "all 3 samples judged are accepted."),
+        ("AARU", "2 of 4 samples judged are accepted, 1 rejected, 1 undecided."),
+    ],
+)
+def test_the_lead_is_a_sentence(tmp_path, decided, said):
+    words = {"A": "ACCEPT", "R": "REJECT", "U": "UNDECIDED"}
+    rows = [row(i, "PASS", conformity=words[c]) for i, c in enumerate(decided, start=1)]
+    write_index(tmp_path, rows, n_samples=len(rows))
+    page = (tmp_path / "index.html").read_text("utf-8")
+    assert f'<p class="headline">By the limits given {said}' in page
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_an_error_is_seen_whole(browser, judged, index, width):
+    """Without scrolling sideways, which nobody does for a text that seems to end."""
+    for file, number in ((judged, 11), (index, 4)):
+        context = browser.new_context(viewport={"width": width, "height": 900})
+        page = context.new_page()
+        page.goto(file.as_uri())
+        failed = page.locator("#table tbody tr").nth(number - 1)
+        text = failed.get_by_text("the last word is here")
+        seen = [one for one in text.all() if one.is_visible()]
+        assert len(seen) == 1
+        box = seen[0].bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= width
+        context.close()
