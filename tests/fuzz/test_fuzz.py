@@ -32,12 +32,19 @@ def test_nothing_but_named_errors(script, name, tmp_path):
 
 
 def test_a_file_without_end_is_refused():
-    """A device: only so much of it is read."""
+    """A device: none of it is read."""
     device = Path("/dev/zero")
     if not device.exists():
         pytest.skip("no /dev/zero here")
-    with pytest.raises(DataError, match="larger than 128 MiB"):
+    with pytest.raises(DataError, match="a device or a pipe: write its content into a file"):
         read_samples(device)
+
+
+def test_a_file_larger_than_allowed_is_refused(tmp_path):
+    with (tmp_path / "large.csv").open("wb") as file:
+        file.truncate(csv_table.MAX_BYTES + 1)
+    with pytest.raises(DataError, match=r"larger than 128 MiB .* Split it"):
+        read_samples(tmp_path / "large.csv")
 
 
 def test_too_many_rows_and_one_huge_line_are_refused(tmp_path):
