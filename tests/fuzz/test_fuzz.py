@@ -23,9 +23,14 @@ def script() -> ModuleType:
     return module
 
 
-@pytest.mark.parametrize("name", ["CSV", "TOML", "JSON"])
-def test_nothing_but_named_errors(script, name, tmp_path):
-    tried, crashes, hangs = script.fuzz(name, 4.0, tmp_path)
+@pytest.mark.parametrize(
+    "name", ["CSV", "TOML", "JSON", "limits", "document", "scene", "candidates", "run folder"]
+)
+def test_nothing_but_named_errors(script, name, tmp_path, request, monkeypatch):
+    if name == "run folder":
+        run = request.getfixturevalue("finished_run")
+        monkeypatch.setattr(script, "finished_run", lambda: run)
+    tried, crashes, hangs = script.fuzz(name, 3.0, tmp_path)
     assert tried > 0
     assert crashes == []
     assert hangs == 0
