@@ -248,7 +248,7 @@ def plain_spaces(text: str) -> str:
     Examples
     --------
     >>> plain_spaces("23\u202f°C,\u2003dry")
-    '23\\xa0°C, dry'
+    '23\xa0°C, dry'
     """
     return text.translate(_SPACES)
 
