@@ -45,7 +45,7 @@ def read_parameters(text: str) -> tuple[Parameters, Effects]:
     """
     try:
         content = text if text.lstrip().startswith("{") else read_ordinary(text, _MOST_BYTES)
-        table = json.loads(content, parse_int=_whole)
+        table = json.loads(content)
     except (OSError, ValueError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         msg = f"--params {text[:200]}: not JSON and not a JSON file ({reason[:200]})"
@@ -60,11 +60,6 @@ def read_parameters(text: str) -> tuple[Parameters, Effects]:
     others = {name: value for name, value in table.items() if name not in DOMAIN}
     effects = effects_of_fit(others) if fitted else with_values(Effects(), others)
     return Parameters(**{name: table[name] for name in DOMAIN}), effects
-
-
-def _whole(digits: str) -> float:
-    """A whole number; a float, maybe infinite, where it is beyond any range there is."""
-    return int(digits) if len(digits) < 20 else float(digits)
 
 
 def _of_summary(summary: Mapping[str, Any]) -> dict[str, Any]:

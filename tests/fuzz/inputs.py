@@ -151,13 +151,22 @@ CANDIDATES_BYTES = st.builds(
     st.lists(_CANDIDATE, max_size=5), st.integers(0, 600), st.just(b"") | st.binary(max_size=4),
 )  # fmt: skip
 _CANDIDATES_HEADER = "quantity,polarization,theta_i_deg,theta_r_lo_deg,theta_r_hi_deg,theta_r_step_deg,port_deg,minutes"
+
+
+def _bytes_of(*names: str) -> st.SearchStrategy[tuple[str, float, str, bytes]]:
+    return st.tuples(
+        st.sampled_from(names), st.floats(0, 1), st.sampled_from(["cut", "write"]),
+        st.binary(min_size=1, max_size=8),
+    )  # fmt: skip
+
+
 DAMAGE = st.one_of(
-    st.tuples(st.sampled_from(["summary.json", "posterior.nc", "config.toml"]), st.floats(0, 1),
-              st.sampled_from(["cut", "write"]), st.binary(min_size=1, max_size=8)),
+    _bytes_of("summary.json", "config.toml"),
     st.tuples(st.just("summary.json"), st.lists(st.integers(0, 200), min_size=1, max_size=5),
               st.just("value"), st.one_of(st.none(), _VALUES, _NEAR)),
 )  # fmt: skip
 """What is done to a run folder: bytes of a file cut off or written over, or a value replaced."""
+DAMAGED_DRAWS = _bytes_of("posterior.nc")
 _PARAMETERS = st.sampled_from(["n", "k", "sigma_n0", "rho0", "lambert", "nu", "N", "extra"])
 PARAMS_TEXT = st.one_of(
     st.dictionaries(_PARAMETERS, _VALUES, max_size=7).map(_json),

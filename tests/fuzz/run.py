@@ -29,6 +29,7 @@ from inputs import (
     CANDIDATES_BYTES,
     CSV_BYTES,
     DAMAGE,
+    DAMAGED_DRAWS,
     DOCUMENT_BYTES,
     LIMITS_BYTES,
     PARAMS_TEXT,
@@ -150,11 +151,13 @@ TARGETS = {
     "limits": (LIMITS_BYTES, read_limits_toml), "document": (DOCUMENT_BYTES, read_document_toml),
     "scene": (SCENE_BYTES, compute_scene), "candidates": (CANDIDATES_BYTES, read_candidates_csv),
     "run folder": (DAMAGE, use_run),
+    "draws": (DAMAGED_DRAWS, use_run),
 }  # fmt: skip
 
 BEFORE: dict[str, Callable[[], object]] = {
     "scene": lambda: predict_scene(GREEN_PAINT, Scene(dhr_theta_i_deg=(20.0,))),
     "run folder": lambda: finished_run(),
+    "draws": lambda: finished_run(),
 }
 """What takes its time once: kernels are compiled, a fit is made."""
 
