@@ -165,10 +165,10 @@ def is_plain(data: bytes, width: int) -> bool:
     ends = np.flatnonzero(content == ord("\n"))
     if not data.endswith(b"\n"):
         ends = np.append(ends, content.size)
-    if ends.size < 2:
+    if ends.size < 2 or data.count(b",") != ends.size * (width - 1):
         return False
     starts = np.concatenate([[0], ends[:-1] + 1])
-    n_commas = np.add.reduceat((content == ord(",")).view(np.uint8), starts, dtype=np.int32)
+    n_commas = np.add.reduceat((content == ord(",")).view(np.uint8), starts, dtype=np.uint16)
     return bool(np.all(n_commas == width - 1))
 
 
