@@ -30,6 +30,8 @@ _RANGE = ("theta_r_lo_deg", "theta_r_hi_deg", "theta_r_step_deg")
 _OPTIONAL = (*_RANGE, "port_deg", "minutes")
 _OF_PLAN = ("order", "readings", "cumulative_minutes", "expected_gain_nats")
 """Columns of a measurement plan beyond these: a plan can be given back as candidates."""
+_MOST_CANDIDATES = 2000
+"""Rows of a file of candidates: each is simulated many times."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,6 +162,8 @@ def read_candidates(
     _check_header(path, table.header)
     found: list[Candidate] = []
     for chunk in table.chunks:
+        if len(found) + len(chunk.line) > _MOST_CANDIDATES or problems.n > _MOST_CANDIDATES:
+            refuse(path, f"more than {_MOST_CANDIDATES} rows (allowed: up to that). Give fewer.")
         for line, cells in zip(chunk.line.tolist(), zip(*chunk.columns, strict=True), strict=True):
             row = {name: cell.strip() for name, cell in zip(table.header, cells, strict=True)}
             try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
+from math import isfinite
 from typing import Any
 
 from pbrdf_bayes.errors import ConfigError
@@ -24,6 +25,9 @@ FRESNEL_AT = ("mean-sine", "geometric-mean", "mean-angle")
 PRIOR_PRESETS = ("paint", "dielectric", "metal")
 BRDF_SCALES = ("absolute", "relative")
 HOLDOUTS = ("none", "recipe", "all")
+_LONGEST_SHOWN = 60
+_NO_BREAK = dict.fromkeys((0xA0, 0x2007, 0x202F), "\u00a0")
+_SPACES = dict.fromkeys((0x1680, *range(0x2000, 0x200B), 0x205F, 0x3000), " ") | _NO_BREAK
 
 
 @dataclass(frozen=True)
@@ -209,6 +213,46 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     return f" Did you mean {by_lower[near[0]]!r}?" if near else ""
 
 
+def show_value(value: Any) -> str:
+    """A value for a message, shortened where it is long.
+
+    Examples
+    --------
+    >>> show_value([20, "a"]), len(show_value("x" * 1000))
+    ("[20, 'a']", 60)
+    """
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # of thousands of digits, or lists in lists without end
+        return "(too long to show)"
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[: _LONGEST_SHOWN - 3]}..."
+
+
+def is_finite(value: Any) -> bool:
+    """A number, true and false being none, that is finite as a float.
+
+    Examples
+    --------
+    >>> is_finite(20), is_finite(10**400), is_finite("20"), is_finite(True)
+    (True, False, False, False)
+    """
+    try:
+        return isinstance(value, (int, float)) and not isinstance(value, bool) and isfinite(value)
+    except OverflowError:
+        return False
+
+
+def plain_spaces(text: str) -> str:
+    r"""Text with every Unicode space (category Zs) as a plain one or, where it is one, no-break.
+
+    Examples
+    --------
+    >>> plain_spaces("23\u202f°C,\u2003dry")
+    '23\xa0°C, dry'
+    """
+    return text.translate(_SPACES)
+
+
 def _effects(names: tuple[str, ...]) -> None:
     """Known ones, each once, and no two that say the same; or ``auto`` alone."""
     if names == AUTO:
@@ -231,25 +275,25 @@ def _one_of(key: str, value: Any, allowed: Iterable[str]) -> None:
     names = list(allowed)
     if value not in names:
         listed = ", ".join(map(repr, names)) or "none in this version"
-        msg = f"{key} = {value!r} is not known.{did_you_mean(str(value), names)} Allowed: {listed}"
+        hint = did_you_mean(str(value), names)
+        msg = f"{key} = {show_value(value)} is not known.{hint} Allowed: {listed}"
         raise ConfigError(msg)
 
 
 def _holdout(value: Any) -> None:
     if not isinstance(value, bool) and not (isinstance(value, str) and value in HOLDOUTS):
         words = ", ".join(map(repr, HOLDOUTS))
-        msg = f"holdout = {value!r} is not allowed: give true or false, or one of {words}"
+        msg = f"holdout = {show_value(value)} is not allowed: give true or false, or one of {words}"
         raise ConfigError(msg)
 
 
 def _tuple(key: str, value: Any) -> None:
     if not isinstance(value, tuple):
-        msg = f"{key} = {value!r} is not allowed: give a list (in Python a tuple)"
+        msg = f"{key} = {show_value(value)} is not allowed: give a list (in Python a tuple)"
         raise ConfigError(msg)
 
 
 def _in_range(key: str, value: Any, low: float, high: float) -> None:
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not number or not low <= value <= high:
-        msg = f"{key} = {value!r} is not allowed: give a number in [{low:g}, {high:g}]"
+    if not is_finite(value) or not low <= value <= high:
+        msg = f"{key} = {show_value(value)} is not allowed: give a number in [{low:g}, {high:g}]"
         raise ConfigError(msg)

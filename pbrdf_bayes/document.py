@@ -7,13 +7,14 @@ laboratory to say.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from datetime import date
 from itertools import pairwise
 from typing import Any
 
-from pbrdf_bayes.config import did_you_mean
+from pbrdf_bayes.config import did_you_mean, plain_spaces, show_value
 from pbrdf_bayes.errors import ConfigError
 
 SHORT, LONG = 200, 2000
@@ -32,7 +33,8 @@ class Document:
     Attributes
     ----------
     title, report_number : str
-        Up to `SHORT` characters; the number stands on every printed page.
+        Up to `SHORT` characters; the number stands on every printed page. In every text, spaces of
+        Unicode other than the plain one become that, or U+00A0 where they are no-break ones.
     laboratory, laboratory_address, place : str
         Name and address, and where the measurements were made.
     customer, customer_address : str
@@ -78,7 +80,9 @@ class Document:
 
     def __post_init__(self) -> None:
         for key, value in asdict(self).items():
-            _check_text(key, value)
+            if isinstance(value, str):  # of a word processor: spaces of other widths
+                object.__setattr__(self, key, plain_spaces(value))
+            _check_text(key, getattr(self, key))
         if not any(asdict(self).values()):
             msg = "no item is given: give at least one, or leave the file away"
             raise ConfigError(msg)
@@ -106,20 +110,21 @@ def check_document_keys(given: Iterable[str]) -> None:
     known = [f.name for f in fields(Document)]
     for key in given:
         if key not in known:
-            msg = f"unknown key {key!r}.{did_you_mean(key, known)} Known: {', '.join(known)}"
+            hint = did_you_mean(key, known)
+            msg = f"unknown key {show_value(key)}.{hint} Known: {', '.join(known)}"
             raise ConfigError(msg)
 
 
 def _check_text(key: str, value: Any) -> None:
     most = LONG if key in LONG_ITEMS else SHORT
     if not isinstance(value, str):
-        msg = f"{key} = {value!r} is not allowed: give text in quotes"
+        msg = f"{key} = {show_value(value)} is not allowed: give text in quotes"
         raise ConfigError(msg)
     if len(value) > most:
         msg = f"{key}: {len(value)} characters; allowed are {most}. Shorten it, or refer to a file"
         raise ConfigError(msg)
     lines = value.split("\n") if key in LONG_ITEMS else [value]
-    if not all(line.replace("\t", " ").isprintable() for line in lines):
+    if not all(re.sub("[\t\xa0]", " ", line).isprintable() for line in lines):
         msg = (
             f"{key} = {value[:60]!r} has characters that cannot be printed"
             + ("" if key in LONG_ITEMS else ", or a line break, which this item may not have")

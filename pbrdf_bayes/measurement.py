@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +16,8 @@ POLARIZATIONS = ("s", "p", "u")
 
 DHR_RANGE = (-0.05, 1.05)
 """What a DHR reading may be: noise may take it beyond 0 and 1."""
+MOST_SCANS = 10_000
+"""Scans of one sample."""
 MAX_LABEL = 200
 """Longest name of a sample or a scan."""
 
@@ -154,7 +157,8 @@ def measurement_from_columns(
     Raises
     ------
     DataError
-        When no row is left. Ranges are the business of the reader.
+        When no row is left, or with more than `MOST_SCANS` scans. Ranges are the business of the
+        reader.
 
     Examples
     --------
@@ -191,7 +195,9 @@ def measurement_from_columns(
         repeated=repeated,
         row=np.zeros(n_rows, np.int64) if row is None else np.asarray(row, dtype=np.int64),
     )
-    labels = np.full(n_rows, "") if scan is None else np.asarray(scan, dtype=np.str_)
+    labels = np.full(n_rows, "", dtype=object)  # references: a long label takes no room in others
+    if scan is not None:
+        labels[:] = [str(label) for label in np.asarray(scan).ravel()]
     rank = _rank(columns.polarization, POLARIZATIONS)
 
     phi = np.where(is_brdf, phi_r, 0.0)
@@ -250,7 +256,7 @@ def _take(readings: Readings, rows: NDArray[np.int64]) -> Readings:
     return Readings(**{name: getattr(readings, name)[rows] for name in readings.__dict__})
 
 
-def _rank(words: NDArray[np.str_], ordered: Sequence[str]) -> NDArray[np.integer]:
+def _rank(words: NDArray[Any], ordered: Sequence[str]) -> NDArray[np.integer]:
     """Place of each word among the ordered ones."""
     place = {word: index for index, word in enumerate(ordered)}
     # numpy sorts short integers fastest.
@@ -259,7 +265,7 @@ def _rank(words: NDArray[np.str_], ordered: Sequence[str]) -> NDArray[np.integer
 
 
 def _group_scans(
-    brdf: Readings, label_rank: NDArray[np.integer], labels: NDArray[np.str_]
+    brdf: Readings, label_rank: NDArray[np.integer], labels: NDArray[np.object_]
 ) -> tuple[Scan, ...]:
     """Cut rows sorted by scan where incidence, polarisation, azimuth or label changes."""
     if len(brdf) == 0:
@@ -269,6 +275,12 @@ def _group_scans(
     for key in keys:
         new[1:] |= key[1:] != key[:-1]
     starts = np.concatenate([[0], np.flatnonzero(new), [len(brdf)]])
+    if (n := starts.size - 1) > MOST_SCANS:
+        msg = (
+            f"{n} scans in one sample (allowed: up to {MOST_SCANS}): readings of one scan share "
+            "theta_i_deg, polarization, phi_r_deg and scan exactly. Round the angles set"
+        )
+        raise DataError(msg)
     scans: list[Scan] = []
     for start, stop in zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True):
         theta_i, pol, phi = (

@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import fields
-from pathlib import Path
 from typing import Any
 
 from pbrdf_bayes.effects import Effects, effects_of_fit, with_values
 from pbrdf_bayes.errors import ConfigError
+from pbrdf_bayes.io.outside import read_ordinary
 from pbrdf_bayes.model import DOMAIN, Parameters
+
+_MOST_BYTES = 8 * 2**20
+"""Of a file: it may be the summary of a run, some tens of kB."""
 
 
 def read_parameters(text: str) -> tuple[Parameters, Effects]:
@@ -41,17 +44,18 @@ def read_parameters(text: str) -> tuple[Parameters, Effects]:
     (0.3, 0.01)
     """
     try:
-        content = text if text.lstrip().startswith("{") else Path(text).read_text(encoding="utf-8")
+        content = text if text.lstrip().startswith("{") else read_ordinary(text, _MOST_BYTES)
         table = json.loads(content)
     except (OSError, ValueError, RecursionError) as error:
-        msg = f"--params {text[:200]}: not JSON and not a JSON file ({str(error)[:200]})"
+        reason = getattr(error, "strerror", None) or str(error)
+        msg = f"--params {text[:200]}: not JSON and not a JSON file ({reason[:200]})"
         raise ConfigError(msg) from None
     fitted = isinstance(table, dict) and isinstance(table.get("parameters"), dict)
     if fitted:
         table = _of_summary(table)
     if not isinstance(table, dict) or not set(DOMAIN) <= set(table):
         given = ", ".join(table) if isinstance(table, dict) else type(table).__name__
-        msg = f"--params {text[:200]}: needs {', '.join(DOMAIN)}; got {given}"
+        msg = f"--params {text[:200]}: needs {', '.join(DOMAIN)}; got {given[:200]}"
         raise ConfigError(msg)
     others = {name: value for name, value in table.items() if name not in DOMAIN}
     effects = effects_of_fit(others) if fitted else with_values(Effects(), others)

@@ -12,7 +12,7 @@ from itertools import pairwise
 from math import floor
 from typing import TYPE_CHECKING, Any
 
-from pbrdf_bayes.config import did_you_mean
+from pbrdf_bayes.config import did_you_mean, is_finite, show_value
 from pbrdf_bayes.errors import ConfigError
 
 if TYPE_CHECKING:  # the help of the command line comes from here and loads nothing heavy
@@ -237,15 +237,15 @@ def check_scene_keys(given: Iterable[str]) -> None:
 
 def _kind(key: str, value: Any, kind: type, words: str) -> None:
     if not isinstance(value, kind):
-        msg = f"{key} = {value!r} is not allowed: give {words}"
+        msg = f"{key} = {show_value(value)} is not allowed: give {words}"
         raise ConfigError(msg)
 
 
 def _increasing(key: str, values: Any) -> None:
     _kind(key, values, tuple, "a list (in Python a tuple)")
     for value in values:
-        if not isinstance(value, (int, float)) or isinstance(value, bool):
-            msg = f"{key}: {value!r} is not a number: give degrees"
+        if not is_finite(value):
+            msg = f"{key}: {show_value(value)} is not a finite number: give degrees"
             raise ConfigError(msg)
     for a, b in pairwise(values):
         if a >= b:
@@ -255,16 +255,17 @@ def _increasing(key: str, values: Any) -> None:
 
 def _words(key: str, values: Any, allowed: tuple[str, ...]) -> None:
     if not isinstance(values, tuple) or not values:
-        msg = f"{key} = {values!r} is not allowed: give a list of {', '.join(map(repr, allowed))}"
+        listed = ", ".join(map(repr, allowed))
+        msg = f"{key} = {show_value(values)} is not allowed: give a list of {listed}"
         raise ConfigError(msg)
     for value in values:
         if value not in allowed:
             hint = did_you_mean(str(value), allowed)
             listed = ", ".join(map(repr, allowed))
-            msg = f"{key}: {value!r} is not known.{hint} Allowed: {listed}"
+            msg = f"{key}: {show_value(value)} is not known.{hint} Allowed: {listed}"
             raise ConfigError(msg)
         if values.count(value) > 1:
-            msg = f"{key}: {value!r} is given twice. Give it once"
+            msg = f"{key}: {show_value(value)} is given twice. Give it once"
             raise ConfigError(msg)
 
 
@@ -272,5 +273,5 @@ def _number(key: str, value: Any, low: float, high: float, *, whole: bool = Fals
     kinds = int if whole else (int, float)
     if not isinstance(value, kinds) or isinstance(value, bool) or not low <= value <= high:
         kind = "a whole number" if whole else "a number"
-        msg = f"{key} = {value!r} is not allowed: give {kind} in [{low:g}, {high:g}]"
+        msg = f"{key} = {show_value(value)} is not allowed: give {kind} in [{low:g}, {high:g}]"
         raise ConfigError(msg)

@@ -6,12 +6,13 @@ uncertainty in conformity assessment".
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from math import inf, isfinite
 from typing import Any
 
-from pbrdf_bayes.config import did_you_mean
+from pbrdf_bayes.config import did_you_mean, is_finite, show_value
 from pbrdf_bayes.errors import ConfigError
 
 QUANTITIES = ("parameter", "brdf", "dhr", "brdf_ratio")
@@ -20,6 +21,13 @@ RULES = ("simple", "guard", "risk")
 MOST_POINTS = 5000
 """Points of all limits together: each takes thousands of draws."""
 LONGEST_NAME = 80
+RULE_OF = {
+    "guard_factor": "guard",
+    "guard": "guard",
+    "max_consumer_risk": "risk",
+    "max_producer_risk": "risk",
+}
+"""The rule that each reservation belongs to; under another one it would say nothing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,6 +125,10 @@ class Limit:
             if not getattr(self, key):
                 msg = f'{key} is missing: give an angle, a list, or "LO:HI:STEP" [deg]'
                 raise ConfigError(msg)
+            for angle in getattr(self, key):
+                if not is_finite(angle):
+                    msg = f"{key}: {show_value(angle)} is not a finite number: give degrees"
+                    raise ConfigError(msg)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,6 +158,12 @@ class DecisionRule:
         _in_range("guard_factor", self.guard_factor, 0.0, 10.0)
         _in_range("max_consumer_risk", self.max_consumer_risk, 1e-4, 0.5)
         _in_range("max_producer_risk", self.max_producer_risk, 1e-4, 0.5)
+        for key, default in _RESERVATIONS.items():
+            if getattr(self, key) != default:
+                refuse_other_rule(key, self.rule)
+
+
+_RESERVATIONS = {f.name: f.default for f in fields(DecisionRule) if f.name in RULE_OF}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,7 +173,7 @@ class Specification:
     Raises
     ------
     ConfigError
-        No limit, a name given twice, or too many points.
+        No limit, a name given twice, too many points, or a guard band under another rule.
     """
 
     limits: tuple[Limit, ...]
@@ -169,10 +187,13 @@ class Specification:
             msg = "no [[limit]] and no [[difference]]: give at least one"
             raise ConfigError(msg)
         names = [limit.name for limit in self.limits]
-        for name in names:
-            if names.count(name) > 1:
+        for name, count in Counter(names).items():
+            if count > 1:
                 msg = f"name = {name!r} is given twice. Give each limit a name of its own"
                 raise ConfigError(msg)
+        for limit in self.limits:
+            if limit.guard is not None:
+                refuse_other_rule("guard", self.decision.rule, of=limit.name)
         n = sum(limit.n_points for limit in self.limits)
         if n > MOST_POINTS:
             msg = f"the limits make {n} points; allowed are {MOST_POINTS}. Take wider steps"
@@ -197,11 +218,28 @@ def one_of(key: str, value: Any, allowed: Iterable[str]) -> None:
         msg = f"{key} is missing. Allowed: {listed}"
         raise ConfigError(msg)
     if value not in names:
-        msg = f"{key} = {value!r} is not known.{did_you_mean(str(value), names)} Allowed: {listed}"
+        hint = did_you_mean(str(value), names)
+        msg = f"{key} = {show_value(value)} is not known.{hint} Allowed: {listed}"
+        raise ConfigError(msg)
+
+
+def refuse_other_rule(key: str, rule: str, *, of: str = "") -> None:
+    """Refuse a reservation under a decision rule that would not use it.
+
+    Raises
+    ------
+    ConfigError
+    """
+    if RULE_OF[key] != rule:
+        where = f"{key} of limit {of!r}" if of else key
+        msg = (
+            f'{where} belongs to rule = "{RULE_OF[key]}" and does nothing under rule = "{rule}", '
+            f'the rule here. Take it out, or give rule = "{RULE_OF[key]}"'
+        )
         raise ConfigError(msg)
 
 
 def _in_range(key: str, value: float, low: float, high: float) -> None:
-    if not low <= value <= high:
-        msg = f"{key} = {value!r} is not allowed: give a number in [{low:g}, {high:g}]"
+    if not is_finite(value) or not low <= value <= high:
+        msg = f"{key} = {show_value(value)} is not allowed: give a number in [{low:g}, {high:g}]"
         raise ConfigError(msg)

@@ -20,7 +20,8 @@ limits.toml (angles in degrees: a number, a list, or "LO:HI:STEP"; measured or n
   rule = "risk"                     # simple | guard | risk, after JCGM 106:2012
   max_consumer_risk = 0.05          # risk: accepts up to this probability of not conforming
   max_producer_risk = 0.05          #       rejects up to this probability of conforming
-  guard_factor = 1.645              # guard: length of the guard bands in standard uncertainties
+                                    # guard: guard_factor = 1.645 in place of these two, the
+                                    #       length of the guard bands in standard uncertainties
 
   [[limit]]                         # as many as wanted; lower, upper or both
   name = "refractive index"
@@ -34,7 +35,7 @@ limits.toml (angles in degrees: a number, a list, or "LO:HI:STEP"; measured or n
   polarization = "s"
   theta_i_deg = 60
   theta_r_deg = "40:80:2"
-  upper = 0.5                       # guard = 0.02: length of its guard band
+  upper = 0.5                       # rule "guard": guard = 0.02, in its unit
 
   [[difference]]                    # to the sample of --reference
   name = "shade"

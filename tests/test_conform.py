@@ -26,7 +26,7 @@ from pbrdf_bayes.io.run_folder import load_analysis
 from pbrdf_bayes.measurands import draw_measurands, sample_of
 from pbrdf_bayes.report import render_report
 from pbrdf_bayes.results import Analysis
-from pbrdf_bayes.specification import Limit, Specification
+from pbrdf_bayes.specification import DecisionRule, Limit, Specification
 from pbrdf_bayes.workflow import fit_file
 
 pytestmark = pytest.mark.usefixtures("signals_as_before")
@@ -234,6 +234,28 @@ def test_conform_writes_json_and_report(
         (LIMITS.replace("glare & co", "index"), "given twice"),
         (LIMITS.replace('theta_r_deg = "-60:60:20"\n', ""), "theta_r_deg is missing"),
         (LIMITS.replace("upper = 10.0", 'upper = "10"'), "finite number"),
+        (LIMITS.replace("upper = 10.0", "upper = 1" + "0" * 400), "limit[2].upper = 1000"),
+        (LIMITS.replace("upper = 10.0", "upper = 0x" + "f" * 9000), "up to 64 bits"),
+        ("max_consumer_risk = 1" + "0" * 400 + "\n" + LIMITS, "l.toml: max_consumer_risk = 1000"),
+        *(
+            (LIMITS.replace("= 45", f"= {value}"), f"theta_i_deg{said} is not allowed")
+            for value, said in (
+                ("[[1]]", ": [1] in its list"),
+                ("[20, '30']", ": '30' in its list"),
+                ("{a = 1}", " = {'a': 1}"),
+                ("2020-01-01", " = datetime.date(2020, 1, 1)"),
+                ("[[1, 2], [3]]", ": [1, 2] in its list"),
+                ("true", " = True"),
+                ("nan", " = nan"),
+                ("[20, true]", ": True in its list"),
+                ("[20, inf]", ": inf in its list"),
+            )
+        ),
+        (LIMITS + "guard = 0.2\n", "guard of limit 'glare & co' belongs to rule = \"guard\""),
+        (DIFFERENCE + "guard = 0.2\n", "guard of limit 'dn' belongs to rule = \"guard\""),
+        ("max_consumer_risk = 0.05\nrule = 'simple'\n" + LIMITS, 'belongs to rule = "risk"'),
+        ("max_producer_risk = 0.1\nrule = 'guard'\n" + LIMITS, 'does nothing under rule = "guard"'),
+        ("guard_factor = 2\nrule = 'simple'\n" + LIMITS, 'belongs to rule = "guard"'),
         (DIFFERENCE, "--reference"),
         (DIFFERENCE.replace("0.002", "-1"), "tolerance = -1.0"),
     ],
@@ -247,6 +269,25 @@ def test_limits_that_are_wrong_are_refused(
     assert said in error
     assert error.count("\n") == 1
     assert not (here / "c.json").exists()
+
+
+def test_reservations_go_with_their_rule_and_no_other() -> None:
+    with pytest.raises(ConfigError, match=r'guard_factor belongs to rule = "guard"'):
+        DecisionRule(guard_factor=2.0)
+    with pytest.raises(ConfigError, match=r'max_producer_risk belongs to rule = "risk"'):
+        DecisionRule(rule="simple", max_producer_risk=0.1)
+    with pytest.raises(ConfigError, match=r"guard of limit 'index' belongs"):
+        Specification(limits=(Limit(name="index", quantity="parameter", parameter="n", upper=2.0,
+                                    guard=0.1),))  # fmt: skip
+    row = {"name": "index", "parameter": "n", "upper": 2.0, "guard": 0.1}
+    found = specification_from_table({"rule": "guard", "guard_factor": 2, "limit": [row]})
+    assert (found.decision.guard_factor, found.limits[0].guard) == (2.0, 0.1)
+
+
+@pytest.mark.parametrize("angle", [10**400, float("nan"), "20", True, (1.0,)])
+def test_angles_of_a_limit_are_finite_numbers(angle: object) -> None:
+    with pytest.raises(ConfigError, match=r"theta_i_deg: .* is not a finite number"):
+        Limit(name="a", quantity="dhr", polarization="s", theta_i_deg=(angle,), upper=1.0)  # type: ignore[arg-type]
 
 
 def test_a_run_is_no_reference_of_itself(finished_run: Path, here: Path, capsys) -> None:
@@ -335,6 +376,10 @@ def test_the_page_shows_what_was_given_and_names_what_was_not(documented: str) -
         ({"note": "x" * 2001}, "allowed are 2000"),
         ({"title": "a\nb"}, "line break"),
         ({"note": "a\x1bb"}, "cannot be printed"),
+        ({"note": "a\u202eb"}, "cannot be printed"),
+        ({"note": "a\u2028b"}, "cannot be printed"),
+        ({"note": "a\u200bb"}, "cannot be printed"),
+        ({"note": "a\ud800b"}, "cannot be printed"),
         ({"date_issued": "5 March"}, "2026-03-02"),
         ({"date_measured": "2026-03-05/2026-03-02"}, "from/to"),
         ({"date_received": "2026-03-05", "date_issued": "2026-03-04"}, "is before"),
@@ -349,6 +394,11 @@ def test_items_that_are_wrong_are_refused(keys: dict[str, str], said: str) -> No
 def test_a_file_of_items(tmp_path: Path) -> None:
     path = write(tmp_path / "d.toml", "[document]\n" + DOCUMENT)
     assert read_document(path).date_issued == "2026-03-09"
+    write(
+        path, 'environment = "(23\u202f±\u00a02) °C,\u2003dry\u3000air"\nnote = """a\u2009b\nc"""\n'
+    )
+    assert read_document(path).environment == "(23\u00a0±\u00a02) °C, dry air"
+    assert read_document(path).note == "a b\nc"
     write(path, "note = 3\n")
     with pytest.raises(ConfigError, match=r"d\.toml: note = 3 is not allowed: give text in quotes"):
         read_document(path)

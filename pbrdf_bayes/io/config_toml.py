@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from pbrdf_bayes.config import RunConfig, check_keys
+from pbrdf_bayes.config import RunConfig, check_keys, show_value
 from pbrdf_bayes.errors import ConfigError
+from pbrdf_bayes.io.outside import MAX_TEXT_BYTES, read_ordinary
+
+_MOST_PARTS = 32
+_PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.){0,200}+"|'[^'\n]{0,200}+')"""
+_LONG_KEY = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{_MOST_PARTS}}}", re.ASCII)
+"""Dotted keys beyond any use: what reads TOML takes the square of their length in time."""
 
 
 def read_config(path: Path | None, overrides: Mapping[str, Any]) -> RunConfig:
@@ -91,16 +98,42 @@ def read_toml(path: Path) -> dict[str, Any]:
     Raises
     ------
     ConfigError
-        File missing or not TOML.
+        File missing, no ordinary one, larger than `MAX_TEXT_BYTES`, not TOML, or with a whole
+        number beyond the 64 bits of TOML.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        text = read_ordinary(path, MAX_TEXT_BYTES).decode("utf-8-sig")
+        if _LONG_KEY.search(text):
+            msg = f"{path}: a key of more than {_MOST_PARTS} parts. No key here has so many points"
+            raise ConfigError(msg)
+        table = tomllib.loads(text)
     except OSError as error:
         msg = f"{path}: cannot be read ({error.strerror}). Give the path of a TOML file"
         raise ConfigError(msg) from None
+    except ConfigError:
+        raise
     except (ValueError, RecursionError) as error:  # of TOML or UTF-8
-        msg = f"{path}: not a TOML file: {error}"
+        msg = f"{path}: not a TOML file: {str(error)[:200]}"
         raise ConfigError(msg) from None
+    _refuse_huge_numbers(path, table)
+    return table
+
+
+def _refuse_huge_numbers(path: Path, table: Mapping[str, Any]) -> None:
+    """Refuse whole numbers beyond 64 bits, which no float, and often no message, can hold."""
+    left: list[tuple[str, Any]] = list(table.items())
+    while left:
+        key, value = left.pop()
+        if isinstance(value, dict):
+            left += [(f"{key}.{name}", item) for name, item in value.items()]
+        elif isinstance(value, list):
+            left += [(f"{key}[{number}]", item) for number, item in enumerate(value, start=1)]
+        elif isinstance(value, int) and not -(2**63) <= value < 2**63:
+            msg = (
+                f"{path}: {key[-80:]} = {show_value(value)} is not allowed: a whole number has up "
+                "to 64 bits. Give a finite number, with a decimal point where it is large"
+            )
+            raise ConfigError(msg)
 
 
 def _check_type(key: str, value: Any, default: Any) -> None:
@@ -108,10 +141,10 @@ def _check_type(key: str, value: Any, default: Any) -> None:
     wanted = {bool: "true or false", str: "a word in quotes", tuple: "a list", dict: "a table"}
     kind = type(default)
     if kind in wanted and not isinstance(value, Mapping if kind is dict else kind):
-        msg = f"{key} = {value!r} is not allowed: give {wanted[kind]}"
+        msg = f"{key} = {show_value(value)} is not allowed: give {wanted[kind]}"
         raise ConfigError(msg)
     if kind is int and (not isinstance(value, int) or isinstance(value, bool)):
-        msg = f"{key} = {value!r} is not allowed: give a whole number"
+        msg = f"{key} = {show_value(value)} is not allowed: give a whole number"
         raise ConfigError(msg)
     if kind is dict and not all(isinstance(v, Mapping) for v in value.values()):
         msg = f"{key}: give one table for each parameter, e.g. [priors.n]"

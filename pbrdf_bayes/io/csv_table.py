@@ -8,6 +8,7 @@ pandas fills or shifts in silence.
 from __future__ import annotations
 
 import csv
+import errno
 import io
 import os
 import re
@@ -22,13 +23,17 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.config import did_you_mean
 from pbrdf_bayes.errors import DataError
-from pbrdf_bayes.io.problems import Problem, Problems, compose_message
+from pbrdf_bayes.io.outside import read_ordinary
+from pbrdf_bayes.io.problems import N_LINES, Problem, Problems, compose_message
 
 MAX_BYTES = 128 * 2**20
 """Largest file read, about two million readings: what is larger would not fit into memory."""
 MAX_ROWS = 3_000_000
 MAX_LINE_BYTES = 65_536
-CHUNK_ROWS = 1024
+MAX_ROW_LINES = 100
+"""Lines that one row may take by line breaks in quotes."""
+MAX_COLUMNS = 1000
+CHUNK_ROWS, _CHUNK_CHARACTERS = 1024, 2**20
 
 _SAVE_AS_UTF8 = "Save the file as UTF-8 (in a spreadsheet: 'CSV UTF-8, comma delimited')."
 _FOREIGN = (
@@ -67,22 +72,21 @@ def read_bytes(path: str | Path) -> bytes:
     Raises
     ------
     DataError
-        When it does not exist, is a folder, cannot be read or is larger than `MAX_BYTES`.
+        When it does not exist, is a folder, a device or a pipe, cannot be read or is larger than
+        `MAX_BYTES`.
     """
     file = Path(path)
     try:
-        with file.open("rb") as stream:
-            data = stream.read(MAX_BYTES + 1)  # whatever its size is said to be: it may be a device
+        return read_ordinary(file, MAX_BYTES)
     except FileNotFoundError:
         refuse(path, f"there is no such file.{_similar_file(file)}")
     except (OSError, ValueError) as error:
         if os.path.isdir(file):  # noqa: PTH112 - Path.is_dir raises for a name that is too long
             refuse(path, "this is a folder. Give the CSV file in it.")
+        if getattr(error, "errno", None) == errno.EFBIG:
+            reason = f"the file is larger than {MAX_BYTES // 2**20} MiB (allowed: up to that)."
+            refuse(path, f"{reason} Split it, for example into one file for each sample.")
         refuse(path, f"the file cannot be read ({getattr(error, 'strerror', None) or error}).")
-    if len(data) > MAX_BYTES:
-        reason = f"the file is larger than {MAX_BYTES // 2**20} MiB (allowed: up to that)."
-        refuse(path, f"{reason} Split it, for example into one file for each sample.")
-    return data
 
 
 def open_table(path: str | Path, data: bytes, problems: Problems) -> Table:
@@ -100,6 +104,9 @@ def open_table(path: str | Path, data: bytes, problems: Problems) -> Table:
     if not any(header):
         refuse(path, "line 1 is empty. It must be the header with the column names.")
     _refuse_other_separators(path, header)
+    if len(header) > MAX_COLUMNS:
+        reason = f"line 1 has {len(header)} columns (allowed: up to {MAX_COLUMNS})."
+        refuse(path, f"{reason} Keep those of the format, one reading a line.")
     return Table(header, _chunks(blocks, len(header), problems))
 
 
@@ -158,11 +165,11 @@ def is_plain(data: bytes, width: int) -> bool:
     ends = np.flatnonzero(content == ord("\n"))
     if not data.endswith(b"\n"):
         ends = np.append(ends, content.size)
-    commas = np.flatnonzero(content == ord(","))
-    if ends.size < 2 or commas.size != ends.size * (width - 1):
+    if ends.size < 2 or data.count(b",") != ends.size * (width - 1):
         return False
-    by_line = commas.reshape(ends.size, width - 1)
-    return bool(np.all(by_line[:, -1] < ends) and np.all(by_line[1:, 0] > ends[:-1]))
+    starts = np.concatenate([[0], ends[:-1] + 1])
+    n_commas = np.add.reduceat((content == ord(",")).view(np.uint8), starts, dtype=np.uint16)
+    return bool(np.all(n_commas == width - 1))
 
 
 def refuse(path: str | Path, reason: str) -> NoReturn:
@@ -228,13 +235,18 @@ def _blocks(
 ) -> Iterator[tuple[list[int], list[list[str]]]]:
     """Yield lines and rows: the header alone, then blocks; broken quotes end the file."""
     text = io.TextIOWrapper(io.BytesIO(data), encoding="utf-8-sig", newline="")
-    reader = csv.reader(text, strict=True, skipinitialspace=True)
+    source = _Lines(text)
+    reader = csv.reader(source, strict=True, skipinitialspace=True)
     n_rows, line = 1, 1
     while True:
         rows: list[list[str]] = []
         broken = ""
         try:
-            rows.extend(islice(reader, n_rows))
+            for row in islice(reader, n_rows):
+                rows.append(row)
+                source.of_row = 0
+                if source.characters > _CHUNK_CHARACTERS:
+                    break
         except UnicodeDecodeError:
             _refuse_encoding(path, data)
         except csv.Error as error:
@@ -248,7 +260,28 @@ def _blocks(
             problems.add(Problem(line, "", f"{reason} Close them; write a quote inside as two."))
         if broken or not rows:
             return
-        n_rows = CHUNK_ROWS
+        n_rows, source.characters = CHUNK_ROWS, 0
+
+
+@dataclass
+class _Lines:
+    """Lines of a text, counted, so that no row and no block of rows is without end."""
+
+    text: Iterator[str]
+    of_row: int = 0
+    characters: int = 0
+
+    def __iter__(self) -> Iterator[str]:
+        return self
+
+    def __next__(self) -> str:
+        line = next(self.text)
+        self.of_row += 1
+        self.characters += len(line)
+        if self.of_row > MAX_ROW_LINES:
+            msg = f"a row of more than {MAX_ROW_LINES} lines"
+            raise csv.Error(msg)
+        return line
 
 
 def _start_lines(rows: Sequence[Sequence[str]], first: int, last: int) -> list[int]:
@@ -275,22 +308,31 @@ def _chunks(
     """Turn blocks of rows into columns, without rows that are blank or of another length."""
     for lines, rows in blocks:
         if set(map(len, rows)) != {width} or not all(map(any, rows)):
-            for line, row in zip(lines, rows, strict=True):
-                if len(row) != width and any(map(str.strip, row)):
-                    problems.add(_ragged(line, row, width))
+            for problem in _ragged(lines, rows, width):
+                problems.add(problem)
             keep = [len(row) == width and any(row) for row in rows]
             lines, rows = list(compress(lines, keep)), list(compress(rows, keep))
         if rows:
             yield Chunk(np.array(lines), tuple(zip(*rows, strict=True)))
 
 
-def _ragged(line: int, cells: Sequence[str], width: int) -> Problem:
-    """Say how a row differs from the header in length, and why that may be."""
-    text = f"{len(cells)} cell{'s' if len(cells) > 1 else ''} where the header has {width}."
+def _ragged(lines: Sequence[int], rows: Sequence[Sequence[str]], width: int) -> Iterator[Problem]:
+    """One problem for each way in which rows differ from the header in length."""
+    kinds: dict[str, list[tuple[int, int]]] = {}
+    for line, row in zip(lines, rows, strict=True):
+        if len(row) != width and any(map(str.strip, row)):
+            kinds.setdefault(_why_ragged(row, width), []).append((line, len(row)))
+    for remedy, found in kinds.items():
+        line, n = found[0]
+        text = f"{n} cell{'s' if n > 1 else ''} where the header has {width}. {remedy}"
+        first = tuple(line for line, _ in found[:N_LINES])
+        yield Problem(line, "", text, kind=remedy, n=len(found), lines=first)
+
+
+def _why_ragged(cells: Sequence[str], width: int) -> str:
+    """What to do about a row of another length than the header, by what it looks like."""
     if any(";" in cell for cell in cells):
-        remedy = "Separate the cells by commas, not by semicolons."
-    elif len(cells) > width:
-        remedy = "Write decimal points, not decimal commas; put names with a comma in quotes."
-    else:
-        remedy = "Fill in the missing cells; an empty cell needs its comma too."
-    return Problem(line, "", f"{text} {remedy}", kind=remedy)
+        return "Separate the cells by commas, not by semicolons."
+    if len(cells) > width:
+        return "Write decimal points, not decimal commas; put names with a comma in quotes."
+    return "Fill in the missing cells; an empty cell needs its comma too."

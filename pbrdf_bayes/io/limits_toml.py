@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from pbrdf_bayes.config import did_you_mean
+from pbrdf_bayes.config import did_you_mean, is_finite, plain_spaces, show_value
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.io.config_toml import read_toml
 from pbrdf_bayes.io.scene_toml import angles_of
-from pbrdf_bayes.specification import LONGEST_NAME, DecisionRule, Limit, Specification
+from pbrdf_bayes.specification import (
+    LONGEST_NAME,
+    RULE_OF,
+    DecisionRule,
+    Limit,
+    Specification,
+    refuse_other_rule,
+)
 
 _RULE = tuple(f.name for f in fields(DecisionRule))
 _SHARED = tuple(
@@ -72,13 +78,17 @@ def specification_from_table(table: Mapping[str, Any]) -> Specification:
     for key in rule:
         if key != "rule":
             rule[key] = _number(key, rule[key])
+    decision = DecisionRule(**rule)
+    for key in rule:
+        if key in RULE_OF:  # stated, be it the default
+            refuse_other_rule(key, decision.rule)
     limits = [
         _limit(kind, row, f"[[{kind}]] {number}")
         for kind in _KEYS
         for number, row in enumerate(_rows(kind, table.get(kind, [])), start=1)
     ]
     title = _text("specification", table.get("specification", ""), may_be_empty=True)
-    return Specification(limits=tuple(limits), decision=DecisionRule(**rule), title=title)
+    return Specification(limits=tuple(limits), decision=decision, title=title)
 
 
 def _rows(kind: str, value: Any) -> list[Mapping[str, Any]]:
@@ -91,7 +101,7 @@ def _rows(kind: str, value: Any) -> list[Mapping[str, Any]]:
 def _limit(kind: str, row: Mapping[str, Any], where: str) -> Limit:
     """One table; what is wrong is told with its place and its name."""
     named = row.get("name")
-    place = f"{where} {named!r}" if isinstance(named, str) and named else where
+    place = f"{where} {show_value(named)}" if isinstance(named, str) and named else where
     try:
         _check_keys(row, _KEYS[kind])
         values: dict[str, Any] = {
@@ -104,7 +114,7 @@ def _limit(kind: str, row: Mapping[str, Any], where: str) -> Limit:
                 values[key] = angles_of(key, values[key])
         for key in ("parameter", "polarization", "quantity"):
             if key in values and not isinstance(values[key], str):
-                msg = f"{key} = {values[key]!r} is not allowed: give a word in quotes"
+                msg = f"{key} = {show_value(values[key])} is not allowed: give a word in quotes"
                 raise ConfigError(msg)
         if kind == "difference":
             values |= _of_tolerance(values.pop("tolerance", None))
@@ -127,23 +137,25 @@ def _of_tolerance(tolerance: float | None) -> dict[str, Any]:
 def _check_keys(given: Mapping[str, Any], known: tuple[str, ...]) -> None:
     for key in given:
         if key not in known:
-            msg = f"unknown key {key!r}.{did_you_mean(key, known)} Known: {', '.join(known)}"
+            hint = did_you_mean(key, known)
+            msg = f"unknown key {show_value(key)}.{hint} Known: {', '.join(known)}"
             raise ConfigError(msg)
 
 
 def _number(key: str, value: Any) -> float:
-    if not isinstance(value, (int, float)) or isinstance(value, bool) or not isfinite(value):
-        msg = f"{key} = {value!r} is not allowed: give a finite number"
+    if not is_finite(value):
+        msg = f"{key} = {show_value(value)} is not allowed: give a finite number"
         raise ConfigError(msg)
     return float(value)
 
 
 def _text(key: str, value: Any, *, may_be_empty: bool = False) -> str:
-    fits = isinstance(value, str) and len(value) <= LONGEST_NAME and value.isprintable()
-    if not fits or not (value.strip() or may_be_empty):
+    text = plain_spaces(value) if isinstance(value, str) else ""
+    fits = isinstance(value, str) and len(text) <= LONGEST_NAME
+    if not (fits and text.replace("\u00a0", " ").isprintable() and (text.strip() or may_be_empty)):
         msg = (
-            f"{key} = {value!r} is not allowed: give 1 to {LONGEST_NAME} printable characters "
-            "in quotes"
+            f"{key} = {show_value(value)} is not allowed: give 1 to {LONGEST_NAME} printable "
+            "characters in quotes"
         )
         raise ConfigError(msg)
-    return str(value)
+    return text

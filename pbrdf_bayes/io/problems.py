@@ -61,23 +61,23 @@ class Problem:
 
 @dataclass
 class Problems:
-    """Problems found so far: one for each sample, column and kind, and the number of all."""
+    """Problems found so far: by sample one for each column and kind, and the number of all."""
 
-    found: dict[tuple[str, str, str], Problem] = field(default_factory=dict)
+    found: dict[str, dict[tuple[str, str], Problem]] = field(default_factory=dict)
     n: int = 0
 
     def add(self, problem: Problem) -> None:
         """Keep ``problem``, with others of its kind as one."""
-        key = (problem.sample, problem.column, problem.kind or problem.text)
-        self.found[key] = self.found[key].joined(problem) if key in self.found else problem
+        own = self.found.setdefault(problem.sample, {})
+        key = (problem.column, problem.kind or problem.text)
+        own[key] = own[key].joined(problem) if key in own else problem
         self.n += problem.n
 
     def listed(self, sample: str | None = None) -> tuple[Problem, ...]:
         """First `N_LISTED` kinds in the order of the file, of all samples together or of one."""
         kinds: dict[tuple[str, str], Problem] = {}
-        for (name, *kind), problem in self.found.items():
-            if sample is None or name == sample:
-                key = (kind[0], kind[1])
+        for own in self.found.values() if sample is None else (self.found.get(sample, {}),):
+            for key, problem in own.items():
                 kinds[key] = kinds[key].joined(problem) if key in kinds else problem
         return tuple(sorted(kinds.values(), key=lambda problem: problem.line)[:N_LISTED])
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from pbrdf_bayes.config import is_finite, show_value
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.io.config_toml import read_toml
 from pbrdf_bayes.scenes import ANGLES, Scene, check_scene_keys, spaced
@@ -62,19 +63,26 @@ def scene_from_table(table: Mapping[str, Any]) -> Scene:
     return Scene(**values)
 
 
-def angles_of(key: str, value: Any) -> tuple[Any, ...]:
+def angles_of(key: str, value: Any) -> tuple[float, ...]:
     """Angles [deg] of one number, a list or the text ``"LO:HI:STEP"``.
 
     Raises
     ------
     ConfigError
-        The text is no such thing.
+        It is no such thing; a number that is not finite is none.
     """
     if isinstance(value, str):
         return _grid(key, value)
-    if isinstance(value, list):
-        return tuple(float(x) if type(x) is int else x for x in value)
-    return angles_of(key, [value])
+    angles = value if isinstance(value, list) else [value]
+    for angle in angles:
+        if not is_finite(angle):
+            place = f"{key}: {show_value(angle)} in its list" if isinstance(value, list) else ""
+            msg = (
+                f"{place or f'{key} = {show_value(value)}'} is not allowed: give finite numbers of "
+                'degrees, e.g. 20 or [20, 60], or the text "LO:HI:STEP"'
+            )
+            raise ConfigError(msg)
+    return tuple(map(float, angles))
 
 
 def _grid(key: str, text: str) -> tuple[float, ...]:
@@ -82,7 +90,8 @@ def _grid(key: str, text: str) -> tuple[float, ...]:
         return tuple(spaced(text, most=_MOST_ANGLES))
     except ValueError:
         msg = (
-            f'{key} = {text!r} is not allowed: give degrees as a list, or as "LO:HI:STEP" with '
-            f'LO <= HI, STEP > 0 and fewer than {_MOST_ANGLES} angles, e.g. "-80:80:0.5"'
+            f"{key} = {show_value(text)} is not allowed: give degrees as a list, or as "
+            f'"LO:HI:STEP" with LO <= HI, STEP > 0 and fewer than {_MOST_ANGLES} angles, '
+            'e.g. "-80:80:0.5"'
         )
         raise ConfigError(msg) from None

@@ -29,17 +29,39 @@ NUMBER_COLUMNS = tuple(name for name in COLUMNS if name not in WORD_COLUMNS)
 QUANTITIES = ("brdf", "dhr")
 
 
-class Codebook:
-    """Distinct words of a text column, numbered as they are met; `encode` extends it."""
+MOST_SAMPLES = 10_000
+"""Samples of one file, each wavelength counted."""
+MOST_WORDS = {"sample": MOST_SAMPLES, "flag": MOST_SAMPLES}
+_MOST_OTHER_WORDS = 100_000
 
-    def __init__(self) -> None:
+
+class TooManyWordsError(Exception):
+    """A text column holds more distinct words than a file may have."""
+
+
+class Codebook:
+    """Distinct words of a text column, numbered as they are met; `encode` extends it.
+
+    Raises
+    ------
+    TooManyWordsError
+        From `encode`, before the words beyond the limit are kept.
+    """
+
+    def __init__(self, column: str) -> None:
+        self.column = column
         self.words: list[str] = []
         self._word_code: dict[str, int] = {}
         self._cell_code: dict[str, int] = {}
 
     def encode(self, cells: Sequence[str]) -> NDArray[np.int64]:
         """Give the number of the word in each cell, its blanks and formula guard left out."""
-        for cell in sorted(set(cells) - self._cell_code.keys()):
+        new = set(cells) - self._cell_code.keys()
+        most = MOST_WORDS.get(self.column, _MOST_OTHER_WORDS)
+        if len(self._cell_code) + len(new) > most + 1:  # an empty one beside them
+            msg = f"column {self.column} has more than {most} different words (allowed: up to that)"
+            raise TooManyWordsError(msg)
+        for cell in sorted(new):
             word = unguard(cell.strip())
             code = self._word_code.setdefault(word, len(self.words))
             if code == len(self.words):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -13,10 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.errors import ConfigError, DataError
-from pbrdf_bayes.io.csv_table import Table, open_table, plain_columns, read_bytes, without_quotes
+from pbrdf_bayes.io.csv_table import (
+    Table,
+    open_table,
+    plain_columns,
+    read_bytes,
+    refuse,
+    without_quotes,
+)
 from pbrdf_bayes.io.problems import Problem, Problems, compose_message, show_cell
 from pbrdf_bayes.io.tidy_choice import Key, choose_key, explain_sample
-from pbrdf_bayes.io.tidy_columns import QUANTITIES, check_header, missing_column
+from pbrdf_bayes.io.tidy_columns import (
+    MOST_SAMPLES,
+    QUANTITIES,
+    TooManyWordsError,
+    check_header,
+    missing_column,
+)
 from pbrdf_bayes.io.tidy_notices import notice
 from pbrdf_bayes.io.tidy_rows import (
     Rows,
@@ -28,6 +41,8 @@ from pbrdf_bayes.io.tidy_rows import (
 from pbrdf_bayes.io.tidy_rules import NumberRule, check_rows, number_rules
 from pbrdf_bayes.io.tidy_writer import write_tidy_csv
 from pbrdf_bayes.measurement import POLARIZATIONS, Measurement, measurement_from_columns
+
+_MOST_SCANS, _MOST_COUNTS = 100_000, 1_000_000
 
 __all__ = ["TidyFile", "read_measurement", "read_samples", "write_tidy_csv"]
 
@@ -136,7 +151,7 @@ def read_measurement(
         content.problems.add(key)
     if content.problems.n or key is None or isinstance(key, Problem):
         raise DataError(_message(content))
-    return _build(content, key, groups[key])
+    return _build(content, key, groups[key], _flags(content, [key]))
 
 
 def read_samples(path: str | Path, *, brdf_floor: float = 0.0) -> TidyFile:
@@ -163,15 +178,16 @@ def read_samples(path: str | Path, *, brdf_floor: float = 0.0) -> TidyFile:
         When ``brdf_floor`` is negative or not finite.
     """
     content = _read(path, brdf_floor)
-    if any(not sample for sample, *_ in content.problems.found):
+    if "" in content.problems.found:
         raise DataError(_message(content))
     errors = _refused_samples(content)
     groups = {key: rows for key, rows in _group(content).items() if key[0] not in errors}
+    measurements = _build_all(content, groups, errors)
     return TidyFile(
         source=Path(path).name,
         sha256=content.sha256,
         n_rows=len(content.rows),
-        measurements={key: _build(content, key, rows) for key, rows in groups.items()},
+        measurements=measurements,
         errors=errors,
         problems=content.problems.listed(),
         n_problems=content.problems.n,
@@ -191,7 +207,10 @@ def _read(path: str | Path, brdf_floor: float) -> _Content:
     warnings = check_header(table.header, problems)
     if problems.n:
         raise DataError(compose_message(str(path), problems.listed(), problems.n))
-    rows, bad, words = _convert(data, table, number_rules(brdf_floor=brdf_floor), problems)
+    try:
+        rows, bad, words = _convert(data, table, number_rules(brdf_floor=brdf_floor), problems)
+    except TooManyWordsError as error:
+        refuse(path, f"{error}. Split the file into several, for example by lots.")
     if not len(rows) and not problems.n:
         problems.add(Problem(0, "", "the file has a header but no rows. Add the readings."))
     if not len(rows):
@@ -242,6 +261,9 @@ def _group(content: _Content) -> dict[Key, NDArray[np.int64]]:
     index = index[np.lexsort((rows.wavelength_um[index], rows.sample[index]))]
     sample, wavelength = rows.sample[index], rows.wavelength_um[index]
     new = (sample[1:] != sample[:-1]) | (wavelength[1:] != wavelength[:-1])
+    if (n := np.count_nonzero(new) + 1) > MOST_SAMPLES:
+        reason = f"the file has {n} samples, each wavelength counted"
+        refuse(content.path, f"{reason} (allowed: up to {MOST_SAMPLES}). Split it into several.")
     parts = np.split(index, np.flatnonzero(new) + 1) if index.size else []
     names = content.words["sample"]
     keyed = {(names[rows.sample[p[0]]], float(rows.wavelength_um[p[0]])): p for p in parts}
@@ -267,7 +289,28 @@ def _refused_samples(content: _Content) -> dict[str, str]:
     return {name: errors[name] for name in sorted(errors)}
 
 
-def _build(content: _Content, key: Key, index: NDArray[np.int64]) -> Measurement:
+def _build_all(
+    content: _Content, groups: Mapping[Key, NDArray[np.int64]], errors: dict[str, str]
+) -> dict[Key, Measurement]:
+    """Measurements of all samples; those that cannot be made go to ``errors``."""
+    flags = _flags(content, groups)
+    found: dict[Key, Measurement] = {}
+    n_scans = 0
+    for key, rows in groups.items():
+        try:
+            found[key] = _build(content, key, rows, flags)
+        except DataError as error:
+            errors[key[0]] = str(error)
+            content.problems.add(Problem(0, "", str(error), sample=key[0]))
+            continue
+        n_scans += len(found[key].scans)
+        if n_scans > _MOST_SCANS:
+            reason = f"more than {_MOST_SCANS} scans in all (allowed: up to that)."
+            refuse(content.path, f"{reason} Split the file into several.")
+    return {key: m for key, m in found.items() if key[0] not in errors}
+
+
+def _build(content: _Content, key: Key, index: NDArray[np.int64], flags: Flags) -> Measurement:
     """Measurement from the rows of one sample at one wavelength."""
     rows = content.rows
     columns = {
@@ -277,25 +320,55 @@ def _build(content: _Content, key: Key, index: NDArray[np.int64]) -> Measurement
     columns["phi_r_deg"] = np.nan_to_num(rows.phi_r_deg[index], nan=0.0)
     columns["quantity"] = np.array(QUANTITIES)[rows.quantity[index]]
     columns["polarization"] = np.array(POLARIZATIONS)[rows.polarization[index]]
-    columns["scan"] = np.array(content.words["scan"])[rows.scan[index]]
-    return measurement_from_columns(
-        sample=key[0],
-        wavelength_um=key[1],
-        row=rows.line[index],
-        excluded=_count_flags(content, key),
-        source=Path(content.path).name,
-        sha256=content.sha256,
-        warnings=(*content.warnings, *notice(rows, index)),
-        **columns,
-    )
+    labels, place = np.unique(rows.scan[index], return_inverse=True)
+    scans = [content.words["scan"][label] for label in labels.tolist()]
+    columns["scan"] = np.array(scans, dtype=object)[place]  # one long label makes no long array
+    try:
+        return measurement_from_columns(
+            sample=key[0],
+            wavelength_um=key[1],
+            row=rows.line[index],
+            excluded=_excluded(flags, key),
+            source=Path(content.path).name,
+            sha256=content.sha256,
+            warnings=(*content.warnings, *notice(rows, index)),
+            **columns,
+        )
+    except DataError as error:
+        msg = f"{content.path}: sample {show_cell(key[0])}: {error}"
+        raise DataError(msg) from None
 
 
-def _count_flags(content: _Content, key: Key) -> dict[str, int]:
-    """Count flagged rows by flag; those that name no sample or wavelength count everywhere."""
+Flags = Mapping[Key, Mapping[str, int]]
+"""Flagged rows by flag, by sample and wavelength; "" and 0 where they name none."""
+
+
+def _flags(content: _Content, keys: Iterable[Key]) -> Flags:
+    """Count flagged rows, once for all samples and wavelengths ``keys``."""
     rows = content.rows
     index = np.flatnonzero(~rows.used)
-    mine = [code for code, name in enumerate(content.words["sample"]) if name in (key[0], "")]
-    wavelength = rows.wavelength_um[index]
-    here = np.isin(rows.sample[index], mine) & ((wavelength == key[1]) | ~(wavelength > 0))
-    counts = Counter(rows.flag[index[here]].tolist())
-    return {content.words["flag"][code]: n for code, n in sorted(counts.items())}
+    wavelength = np.where(rows.wavelength_um[index] > 0, rows.wavelength_um[index], 0.0)
+    kinds = np.stack([rows.sample[index], wavelength, rows.flag[index]], axis=1)
+    names, flags = content.words["sample"], content.words["flag"]
+    found: dict[tuple[str, float], dict[str, int]] = {}
+    for (code, micrometres, flag), n in zip(
+        *(part.tolist() for part in np.unique(kinds, axis=0, return_counts=True)), strict=True
+    ):
+        found.setdefault((names[int(code)], micrometres), {})[flags[int(flag)]] = n
+    if sum(len(found.get(place, ())) for key in keys for place in _places(key)) > _MOST_COUNTS:
+        reason = "flagged rows that name no sample or no wavelength have too many different flags."
+        refuse(content.path, f"{reason} They count in every sample: fill in where they belong.")
+    return found
+
+
+def _excluded(flags: Flags, key: Key) -> dict[str, int]:
+    """Flagged rows of one sample; those that name no sample or wavelength count everywhere."""
+    counts: Counter[str] = Counter()
+    for place in _places(key):
+        counts.update(flags.get(place, {}))
+    return dict(sorted(counts.items()))
+
+
+def _places(key: Key) -> tuple[Key, ...]:
+    """Where `Flags` has the rows that count for a sample and wavelength."""
+    return key, (key[0], 0.0), ("", key[1]), ("", 0.0)

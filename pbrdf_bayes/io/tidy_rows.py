@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from math import nan
 from typing import Any
@@ -29,6 +29,7 @@ from pbrdf_bayes.measurement import POLARIZATIONS
 
 # From pandas 3.1 every number is rounded correctly and asking for it is deprecated.
 _ALWAYS_EXACT = tuple(map(int, pd.__version__.split(".")[:2])) >= (3, 1)
+_PART_ROWS = 2**18
 _EXACT: dict[str, Any] = {} if _ALWAYS_EXACT else {"float_precision": "round_trip"}
 
 
@@ -68,7 +69,7 @@ class Rows:
 
 def new_codebooks() -> dict[str, Codebook]:
     """Empty codebook for each text column."""
-    return {name: Codebook() for name in WORD_COLUMNS}
+    return {name: Codebook(name) for name in WORD_COLUMNS}
 
 
 def rows_from_cells(
@@ -99,23 +100,41 @@ def rows_from_plain(
     try:
         if not data.isascii():
             data.decode()  # pandas does not look at the columns it leaves out
-        table = _read_plain(data, len(header), place, np.float64)
+        codes, numbers = _convert_plain(data, len(header), place, np.float64, codebooks)
     except UnicodeDecodeError:
         return None
     except ValueError:
-        table = _read_plain(data, len(header), place, object)
-    n_rows = len(table)
-    codes = {name: np.full(n_rows, codebooks[name].encode([""])[0]) for name in WORD_COLUMNS}
-    numbers = {name: np.full(n_rows, nan) for name in NUMBER_COLUMNS}
-    for name, index in place.items():
-        if name in WORD_COLUMNS:
-            cell, cells = pd.factorize(table[index])
-            codes[name] = codebooks[name].encode([*cells, ""])[cell]
-        elif table[index].dtype == np.float64:
-            numbers[name] = table[index].to_numpy()
-        else:
-            numbers[name] = _nan_where_empty(table[index].tolist())
+        codes, numbers = _convert_plain(data, len(header), place, object, codebooks)
+    n_rows = numbers[NUMBER_COLUMNS[0]].size
     return _assemble(np.arange(2, n_rows + 2), codes, numbers, codebooks)
+
+
+def _convert_plain(
+    data: bytes, width: int, place: Mapping[str, int], number: type,
+    codebooks: Mapping[str, Codebook],
+) -> tuple[dict[str, NDArray[np.int64]], dict[str, NDArray[np.float64]]]:  # fmt: skip
+    """Codes and numbers of all columns; part by part, so that cells are not all there at once."""
+    codes: dict[str, list[NDArray[np.int64]]] = {name: [] for name in WORD_COLUMNS}
+    numbers: dict[str, list[NDArray[np.float64]]] = {name: [] for name in NUMBER_COLUMNS}
+    for part in _read_plain(data, width, place, number):
+        for name, words in codes.items():
+            book = codebooks[name]
+            if name in place:
+                cell, cells = pd.factorize(part[place[name]])
+                words.append(book.encode([*cells, ""])[cell])
+            else:
+                words.append(np.full(len(part), book.encode([""])[0]))
+        for name, values in numbers.items():
+            if name not in place:
+                values.append(np.full(len(part), nan))
+            elif number is object:
+                values.append(_nan_where_empty(part[place[name]].tolist()))
+            else:
+                values.append(part[place[name]].to_numpy())
+    return (
+        {name: np.concatenate(codes.pop(name)) for name in WORD_COLUMNS},
+        {name: np.concatenate(numbers.pop(name)) for name in NUMBER_COLUMNS},
+    )
 
 
 def _nan_where_empty(cells: Sequence[str]) -> NDArray[np.float64]:
@@ -124,10 +143,12 @@ def _nan_where_empty(cells: Sequence[str]) -> NDArray[np.float64]:
     return np.where(np.isnan(numbers) & stated, -np.inf, numbers)
 
 
-def _read_plain(data: bytes, width: int, place: Mapping[str, int], number: type) -> pd.DataFrame:
+def _read_plain(
+    data: bytes, width: int, place: Mapping[str, int], number: type
+) -> Iterator[pd.DataFrame]:
     """Cells by the place of their column, with numbers or, where ``number`` is object, as text."""
     empty: dict[str, Any] = {"na_filter": False} if number is object else {"na_values": [""]}
-    table: pd.DataFrame = pd.read_csv(
+    with pd.read_csv(
         io.BytesIO(data),
         header=None,
         skiprows=1,
@@ -138,10 +159,11 @@ def _read_plain(data: bytes, width: int, place: Mapping[str, int], number: type)
         keep_default_na=False,
         skipinitialspace=True,
         quoting=csv.QUOTE_NONE,
+        chunksize=_PART_ROWS,
         **empty,
         **_EXACT,
-    )
-    return table
+    ) as parts:
+        yield from parts
 
 
 def join_rows(parts: Sequence[Rows]) -> Rows:
@@ -158,18 +180,29 @@ def _assemble(
     codebooks: Mapping[str, Codebook],
 ) -> Rows:
     """Look up the words that have a meaning of their own."""
-    not_flagged = [word.lower() in {"", "ok"} for word in codebooks["flag"].words]
-    quantity = _find(codebooks["quantity"].words, QUANTITIES)
-    polarization = _find(codebooks["polarization"].words, POLARIZATIONS)
+
+    def look_up(name: str, meaning: Callable[[str], int]) -> NDArray[np.int64]:
+        return look_up_words(codebooks[name].words, codes[name], meaning)
+
     meaning: dict[str, Any] = {
-        "quantity": quantity[codes["quantity"]],
-        "polarization": polarization[codes["polarization"]],
-        "used": np.array(not_flagged, dtype=bool)[codes["flag"]],
+        "quantity": look_up("quantity", _place_in(QUANTITIES)),
+        "polarization": look_up("polarization", _place_in(POLARIZATIONS)),
+        "used": look_up("flag", lambda word: word.lower() in {"", "ok"}).astype(bool),
     }
     return Rows(line=line, **{**codes, **numbers, **meaning})
 
 
-def _find(words: Sequence[str], known: Sequence[str]) -> NDArray[np.int64]:
-    """Find each word among the known ones; -1 where it is none of them."""
+def look_up_words(
+    words: Sequence[str], codes: NDArray[np.int64], meaning: Callable[[str], int]
+) -> NDArray[np.int64]:
+    """What the word of each code means, asked once for each word, of those that occur alone."""
+    if len(words) <= codes.size:
+        return np.array([meaning(word) for word in words], dtype=np.int64)[codes]
+    present, place = np.unique(codes, return_inverse=True)
+    return np.array([meaning(words[code]) for code in present.tolist()], dtype=np.int64)[place]
+
+
+def _place_in(known: Sequence[str]) -> Callable[[str], int]:
+    """The place of a word among the known ones; -1 where it is none of them."""
     place = {word: index for index, word in enumerate(known)}
-    return np.array([place.get(word, -1) for word in words], dtype=np.int64)
+    return lambda word: place.get(word, -1)

@@ -12,14 +12,16 @@ from math import inf, isfinite, isnan
 import numpy as np
 from numpy.typing import NDArray
 
-from pbrdf_bayes.config import did_you_mean
+from pbrdf_bayes.config import did_you_mean, plain_spaces
 from pbrdf_bayes.io.problems import N_LINES, Problem, Problems, show_cell
 from pbrdf_bayes.io.tidy_columns import QUANTITIES, to_float
-from pbrdf_bayes.io.tidy_rows import Rows
+from pbrdf_bayes.io.tidy_rows import Rows, look_up_words
 from pbrdf_bayes.measurement import DHR_RANGE, MAX_LABEL, POLARIZATIONS, is_label
 
 _EMPTY = frozenset({""})
 _EMPTY_OR_NAN = frozenset({"", "nan"})
+_MOST_LOOKED_AT = 100_000
+"""Wrong cells of a column that are told apart; those after them count with the first."""
 _WORDS_MEANT = {
     **dict.fromkeys(("te", "perpendicular", "senkrecht"), "s"),
     **dict.fromkeys(("tm", "parallel"), "p"),
@@ -178,10 +180,9 @@ def find_breaches(
     them is for the caller to see.
     """
     for name, empty_allowed in (("sample", False), ("scan", True)):
-        usable = np.array(
-            [is_label(word) and (empty_allowed or word != "") for word in words[name]]
-        )
-        yield Breach(name, rows.used & ~usable[getattr(rows, name)], _explain_label)
+        is_usable = is_label if empty_allowed else _is_name
+        usable = look_up_words(words[name], getattr(rows, name), is_usable)
+        yield Breach(name, rows.used & (usable == 0), _explain_label)
     yield Breach("quantity", rows.used & (rows.quantity < 0), _explain_word(QUANTITIES))
     yield Breach("polarization", rows.used & (rows.polarization < 0), _explain_word(POLARIZATIONS))
     for rule in rules:
@@ -189,6 +190,10 @@ def find_breaches(
         if rule.quantity:
             wrong &= rows.quantity == QUANTITIES.index(rule.quantity)
         yield Breach(rule.column, wrong, _explain_number(rule), rule.not_stated)
+
+
+def _is_name(word: str) -> bool:
+    return word != "" and is_label(word)
 
 
 def check_rows(
@@ -235,12 +240,16 @@ def _by_kind(
         kinds[breach.explain(column[numbers[0]])[1]] = numbers
     looked_at: dict[str, list[int]] = {}
     known: dict[str, str] = {}
-    for i in index[~is_number].tolist():
+    others = index[~is_number]
+    for i in others[:_MOST_LOOKED_AT].tolist():
         cell = column[i]
         if cell not in known:
             known[cell] = breach.explain(cell)[1]
         looked_at.setdefault(known[cell], []).append(i)
     kinds |= {kind: np.array(members) for kind, members in looked_at.items()}
+    if others.size > _MOST_LOOKED_AT:
+        first = known[column[int(others[0])]]
+        kinds[first] = np.concatenate([kinds[first], others[_MOST_LOOKED_AT:]])
     for kind, members in kinds.items():
         order = members[np.argsort(rows.sample[members], kind="stable")]
         for own in np.split(order, np.flatnonzero(np.diff(rows.sample[order])) + 1):
@@ -256,7 +265,10 @@ def _explain_label(cell: str) -> tuple[str, str]:
     if not cell.strip():
         return "", "empty. Give the name of the paint sample."
     allowed = f"up to {MAX_LABEL} printable characters"
-    return show_cell(cell), f" is not allowed (allowed: {allowed}). Shorten or correct it."
+    remedy = "Shorten or correct it."
+    if plain_spaces(cell).replace("\u00a0", " ").isprintable() and len(cell) <= MAX_LABEL:
+        remedy = "It has a no-break space or one of another width: type a plain one."
+    return show_cell(cell), f" is not allowed (allowed: {allowed}). {remedy}"
 
 
 def _explain_word(known: Sequence[str]) -> Callable[[str], tuple[str, str]]:

@@ -107,3 +107,14 @@ def test_the_same_candidate_is_there_once(tmp_path: Path) -> None:
     )
     found = list_wanted(Wanted(kinds=("dhr",), csv=path), None)
     assert len(found) == 3 * 18 + 1
+
+
+def test_more_candidates_than_can_be_simulated_are_refused(tmp_path):
+    path = tmp_path / "many.csv"
+    head = "quantity,polarization,theta_i_deg\n"
+    path.write_text(head + "dhr,s,10\n" * 2000)
+    assert len(read_candidates(path, SCAN, costs=COSTS, port_deg=5.0)) == 2000
+    for row in ("dhr,s,10\n", "dhr,s,x\n"):
+        path.write_text(head + row * 4000)
+        with pytest.raises(DataError, match="more than 2000 rows"):
+            read_candidates(path, SCAN, costs=COSTS, port_deg=5.0)

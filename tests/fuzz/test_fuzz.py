@@ -23,21 +23,33 @@ def script() -> ModuleType:
     return module
 
 
-@pytest.mark.parametrize("name", ["CSV", "TOML", "JSON"])
-def test_nothing_but_named_errors(script, name, tmp_path):
-    tried, crashes, hangs = script.fuzz(name, 4.0, tmp_path)
+@pytest.mark.parametrize(
+    "name", ["CSV", "TOML", "JSON", "limits", "document", "scene", "candidates", "run folder"]
+)
+def test_nothing_but_named_errors(script, name, tmp_path, request, monkeypatch):
+    if name == "run folder":
+        run = request.getfixturevalue("finished_run")
+        monkeypatch.setattr(script, "finished_run", lambda: run)
+    tried, crashes, hangs = script.fuzz(name, 3.0, tmp_path)
     assert tried > 0
     assert crashes == []
     assert hangs == 0
 
 
 def test_a_file_without_end_is_refused():
-    """A device: only so much of it is read."""
+    """A device: none of it is read."""
     device = Path("/dev/zero")
     if not device.exists():
         pytest.skip("no /dev/zero here")
-    with pytest.raises(DataError, match="larger than 128 MiB"):
+    with pytest.raises(DataError, match="a device or a pipe: write its content into a file"):
         read_samples(device)
+
+
+def test_a_file_larger_than_allowed_is_refused(tmp_path):
+    with (tmp_path / "large.csv").open("wb") as file:
+        file.truncate(csv_table.MAX_BYTES + 1)
+    with pytest.raises(DataError, match=r"larger than 128 MiB .* Split it"):
+        read_samples(tmp_path / "large.csv")
 
 
 def test_too_many_rows_and_one_huge_line_are_refused(tmp_path):

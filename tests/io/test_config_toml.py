@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tomllib
 from dataclasses import fields
 from pathlib import Path
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from pbrdf_bayes.config import ACCURACIES, RunConfig
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.io.config_toml import config_from_table, config_table, config_to_toml, read_config
+from pbrdf_bayes.io.outside import MAX_TEXT_BYTES
 
 FULL = """
 noise = "iid"
@@ -169,6 +171,41 @@ def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
     (tmp_path / "latin.toml").write_bytes(b'prior = "m\xe9tal"')
     with pytest.raises(ConfigError, match=r"latin\.toml: not a TOML file"):
         read_config(tmp_path / "latin.toml", {})
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes with names")
+def test_only_ordinary_files_are_read(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.toml")
+    for path in (tmp_path / "pipe.toml", Path("/dev/zero")):
+        with pytest.raises(ConfigError, match=r"cannot be read \(a device or a pipe: write its"):
+            read_config(path, {})
+
+
+def test_a_file_without_end_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "run.toml"
+    file.write_bytes(b"#" * (MAX_TEXT_BYTES - 1) + b"\n")
+    assert read_config(file, {}) == RunConfig()
+    file.write_bytes(b"#" * MAX_TEXT_BYTES + b"\n")
+    with pytest.raises(ConfigError, match=r"run\.toml: cannot be read \(larger than 1 MiB"):
+        read_config(file, {})
+
+
+@pytest.mark.parametrize("part", ["a", '"a b"', "'!'", '"\\""'])
+@pytest.mark.parametrize("line", ["{} = 1", "[{}]", "[[{}]]", "x = {{{} = 1}}"])
+def test_a_key_that_would_take_hours_is_refused(tmp_path: Path, part: str, line: str) -> None:
+    """What reads TOML takes the square of the parts of a key: half a megabyte is half a day."""
+    file = tmp_path / "run.toml"
+    file.write_text(line.format(" . ".join([part] * 50_000)))
+    with pytest.raises(ConfigError, match="a key of more than 32 parts"):
+        read_config(file, {})
+
+
+@pytest.mark.parametrize("digits", ["9" * 4000, "0x" + "f" * 9000, str(2**63), str(-(2**63) - 1)])
+def test_whole_numbers_have_64_bits(tmp_path: Path, digits: str) -> None:
+    file = tmp_path / "run.toml"
+    file.write_text(f"predict_theta_i_deg = [1, {digits}]\n".replace("0x-", "-0x"))
+    with pytest.raises(ConfigError, match=r"run\.toml: predict_theta_i_deg\[2\] = .* 64 bits"):
+        read_config(file, {})
 
 
 def test_a_table_with_an_unknown_key_is_our_error() -> None:

@@ -11,12 +11,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pbrdf_bayes.errors import ConfigError, DataError
-from pbrdf_bayes.io import tidy_csv
+from pbrdf_bayes.io import tidy_columns, tidy_csv
 from pbrdf_bayes.io.csv_table import without_quotes
 from pbrdf_bayes.io.tidy_columns import COLUMNS, REQUIRED, guard, unguard
 from pbrdf_bayes.io.tidy_csv import read_measurement, read_samples, write_tidy_csv
 from pbrdf_bayes.io.tidy_rows import new_codebooks, rows_from_cells, rows_from_plain
-from pbrdf_bayes.measurement import Measurement, measurement_from_columns
+from pbrdf_bayes.measurement import Measurement, is_label, measurement_from_columns
 
 HEADER = ",".join(REQUIRED)
 ROWS = (
@@ -776,6 +776,120 @@ def test_a_million_rows(tmp_path, capsys, quotes, wrong):
         sys.stdout.write(f"\nread in {seconds:.1f} s ({cpu:.1f} s CPU), {megabytes:.0f} MB ")
     assert n == (-1 if wrong else n_rows)
     assert megabytes < 1000
+
+
+# Bombs: files within the stated size that ask for more than there is
+
+
+def many(n: int, cells: str, header: str = HEADER) -> str:
+    return table(*(cells.format(i) for i in range(n)), header=header)
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (many(10_002, "a{},3,brdf,s,2,0,1"), "column sample has more than 10000 different words"),
+        (many(10_002, '"a{}\n",3,brdf,s,2,0,1'), "column sample has more than 10000 different words"),
+        (many(10_001, "a,{}.5,brdf,s,2,0,1"), "has 10001 samples, each wavelength counted"),
+        (many(100_002, "a,3,brdf,s,2,0,1,{}", HEADER + ",scan"), "column scan has more than 100000"),
+        (many(100_002, "a,3,{},s,2,0,1"), "column quantity has more than 100000"),
+        (many(10_002, "a,3,brdf,s,2,0,1,{}", HEADER + ",flag"), "column flag has more than 10000"),
+        (many(2, "a,3,brdf,s,2,0,1" + "," * 994, HEADER + "," * 994), "line 1 has 1001 columns"),
+        (table('"' + "a\n" * 101 + '",3,brdf,s,2,0,1'), "a row of more than 100 lines"),
+        (table('"' + '\n","' * 101 + '"'), "a row of more than 100 lines"),
+    ],
+    ids=["samples", "quoted samples", "wavelengths", "scans", "words", "flags", "columns", "cell", "row"],
+)  # fmt: skip
+def test_a_file_that_asks_for_too_much_is_refused(write, content, reason):
+    file = write(content)
+    for read in (read_samples, read_measurement):
+        with pytest.raises(DataError, match=reason):
+            read(file)
+
+
+def test_a_sample_of_too_many_scans_is_refused_and_the_others_are_not(write, monkeypatch):
+    rows = [*(f"a,3,brdf,s,{i / 1000},0,1" for i in range(10_001)), "b,3,brdf,s,2,0,1"]
+    found = read_samples(write(table(*rows)))
+    assert list(found.measurements) == [("b", 3.0)]
+    reason = r"green\.csv: sample 'a': 10001 scans in one sample \(allowed: up to 10000\)"
+    assert re.search(reason, found.errors["a"])
+    assert re.search(reason, found.message)
+    with pytest.raises(DataError, match=reason):
+        read_measurement(write(table(*rows)), sample="a")
+    rows = [f"a{i},3,brdf,s,{j},0,1" for i in range(4) for j in range(3)]
+    monkeypatch.setattr(tidy_csv, "_MOST_SCANS", 12)
+    assert len(read_samples(write(table(*rows))).measurements) == 4
+    monkeypatch.setattr(tidy_csv, "_MOST_SCANS", 11)
+    with pytest.raises(DataError, match="more than 11 scans in all"):
+        read_samples(write(table(*rows)))
+
+
+@pytest.mark.parametrize("cells", ["a{},3,brdf,s,2,0,1", '"a{}\n",3,brdf,s,2,0,1'])
+def test_as_many_samples_as_are_allowed(write, cells):
+    found = read_samples(write(many(tidy_columns.MOST_SAMPLES, cells)))
+    assert len(found.measurements) == tidy_columns.MOST_SAMPLES
+    assert found.errors == {}
+
+
+def test_flags_that_count_in_too_many_samples_are_refused(write):
+    """Each of a thousand samples would hold a thousand of them, and so on."""
+    rows = [f"a{i},3,brdf,s,2,0,1," for i in range(1001)]
+    flagged = [f",,brdf,s,2,0,1,lamp {i}" for i in range(1000)]
+    file = write(table(*rows, *flagged, header=HEADER + ",flag"))
+    with pytest.raises(DataError, match="too many different flags"):
+        read_samples(file)
+    named = [f"a{i}{row}" for i, row in enumerate(flagged)]
+    found = read_samples(write(table(*rows, *named, header=HEADER + ",flag")))
+    assert dict(found.measurements["a7", 3.0].excluded) == {"lamp 7": 1}
+
+
+def test_what_is_counted_for_which_sample_and_wavelength(write):
+    """Written out: a flagged row counts where it says, and everywhere in what it leaves open."""
+    rows = [f"{name},{w},brdf,s,2,0,1," for name in "ab" for w in (3, 4)]
+    places = ("a,3", "a,3", "a,", "b,4", ",3", ",", "a,-1", "b,nan", "c,3")
+    flagged = [f"{place},brdf,s,2,0,1,flag {i % 4}" for i, place in enumerate(places)]
+    found = read_samples(write(table(*rows, *flagged, header=HEADER + ",flag"))).measurements
+    for (name, wavelength), m in found.items():
+        mine = [
+            f"flag {i % 4}"
+            for i, place in enumerate(places)
+            if place.split(",")[0] in (name, "")
+            and place.split(",")[1] in (f"{wavelength:g}", "", "-1", "nan")
+        ]
+        assert dict(m.excluded) == {flag: mine.count(flag) for flag in sorted(set(mine))}
+
+
+@pytest.mark.parametrize("quote", ["", '"'])
+def test_work_for_a_sample_does_not_grow_with_the_others(write, monkeypatch, quote):
+    """Words are looked up at most once for each block of rows, and problems sample by sample."""
+    asked = 0
+
+    def counted(word: str) -> bool:
+        nonlocal asked
+        asked += 1
+        return is_label(word)
+
+    monkeypatch.setattr("pbrdf_bayes.io.tidy_rules.is_label", counted)
+    n = 5000
+    rows = [f'{quote}a {i}{quote},3,brdf,s,2,0,{"x" if i % 2 else 1},"scan,{i}"' for i in range(n)]
+    found = read_samples(write(table(*rows, header=HEADER + ",scan")))
+    assert (len(found.measurements), len(found.errors)) == (n // 2, n // 2)
+    assert all(text.count("\n") == 1 for text in found.errors.values())
+    assert n < asked <= 2 * 2 * n
+
+
+def test_a_long_label_takes_no_room_in_the_other_rows(write):
+    labels = ["x" * 200, *("" for _ in range(999))]
+    rows = [f"a,3,brdf,s,2,{i / 100},1,{label}" for i, label in enumerate(labels)]
+    m = read_measurement(write(table(*rows, header=HEADER + ",scan")))
+    assert sorted((scan.label, len(scan)) for scan in m.scans) == [
+        ("s 2 deg", 999), (f"s 2 deg {labels[0]}", 1)
+    ]  # fmt: skip
+
+
+def test_a_no_break_space_in_a_name_is_told(write):
+    with pytest.raises(DataError, match=r"'green\\xa007' is not allowed .* type a plain one"):
+        read_measurement(write(GOOD.replace("green", "green\u00a007")))
 
 
 # Measured files
