@@ -22,6 +22,7 @@ import xarray as xr
 from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.io.locks import try_lock
 from pbrdf_bayes.io.netcdf_tree import tree_bytes
+from pbrdf_bayes.io.outside import MAX_TEXT_BYTES, read_ordinary
 from pbrdf_bayes.results import SCHEMA_VERSION, Analysis
 
 SUMMARY = "summary.json"
@@ -33,6 +34,9 @@ DESIGN = "design.json"
 LOG = "log.txt"
 LOCK = ".lock"
 _PART = ".part"
+_MOST_JSON_BYTES = 64 * 2**20
+_DAMAGE = (OSError, ValueError, AttributeError, KeyError, RuntimeError, TypeError)
+"""What h5netcdf and h5py raise for a file with bytes that are not what they were."""
 
 _RESERVED = {"con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for i in range(10))}
 _LONGEST_NAME = 80
@@ -264,8 +268,8 @@ def load_analysis(folder: Path) -> Analysis:
     try:
         with xr.open_datatree(folder / POSTERIOR, engine="h5netcdf") as tree:
             draws = tree.load()
-        text = (folder / CONFIG).read_text(encoding="utf-8")
-    except (OSError, ValueError) as error:
+        text = read_ordinary(folder / CONFIG, MAX_TEXT_BYTES).decode("utf-8")
+    except _DAMAGE as error:
         msg = f"{folder}: the run is damaged ({error}). Fit again into another folder"
         raise RunFolderError(msg) from None
     return Analysis(summary, draws, text, design=load_design(folder, summary))
@@ -282,7 +286,7 @@ def load_summary(folder: Path) -> dict[str, Any]:
         msg = f"{folder}: not a finished run (no {SUMMARY}). Give the folder that 'fit' printed"
         raise RunFolderError(msg)
     try:
-        summary: dict[str, Any] = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+        summary: dict[str, Any] = json.loads(read_ordinary(folder / SUMMARY, _MOST_JSON_BYTES))
     except (OSError, ValueError, RecursionError) as error:
         msg = f"{folder / SUMMARY}: damaged ({error})"
         raise RunFolderError(msg) from None
@@ -313,7 +317,7 @@ def load_design(folder: Path, summary: Mapping[str, Any]) -> dict[str, Any] | No
         return None
     remedy = "Remove it, or run 'design' again"
     try:
-        design: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        design: dict[str, Any] = json.loads(read_ordinary(path, _MOST_JSON_BYTES))
     except (OSError, ValueError, RecursionError) as error:
         msg = f"{path}: damaged ({error}). {remedy}"
         raise RunFolderError(msg) from None

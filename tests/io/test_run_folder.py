@@ -467,3 +467,17 @@ def test_the_tree_is_written_as_xarray_writes_it(loaded: Analysis, tmp_path: Pat
             assert a[key].dtype == b[key].dtype, (name, key)
             for what in ("dtype", "coordinates", "_FillValue"):
                 assert str(a[key].encoding.get(what)) == str(b[key].encoding.get(what)), (name, key)
+
+
+@pytest.mark.parametrize("raised", [AttributeError, KeyError, RuntimeError, TypeError])
+def test_whatever_a_damaged_file_makes_the_reader_raise_is_one_error(
+    finished_run, monkeypatch, raised
+):
+    """A flipped byte in a netCDF file comes out of its readers in many ways."""
+
+    def fail(*_args, **_options):
+        raise raised("no attribute")
+
+    monkeypatch.setattr(run_folder.xr, "open_datatree", fail)
+    with pytest.raises(RunFolderError, match="damaged .*Fit again into another folder"):
+        load_analysis(finished_run)
