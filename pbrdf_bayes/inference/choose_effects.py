@@ -25,7 +25,14 @@ from threadpoolctl import threadpool_limits
 
 from pbrdf_bayes.config import AUTO, RunConfig
 from pbrdf_bayes.errors import DataError
-from pbrdf_bayes.inference.effect_candidates import caution, grown, in_words, of_other_shapes
+from pbrdf_bayes.inference.effect_candidates import (
+    caution,
+    grown,
+    in_words,
+    nothing_left_out,
+    of_other_shapes,
+)
+from pbrdf_bayes.inference.effects_choice import EffectsChoice, Scored
 from pbrdf_bayes.inference.holdout import draft_of
 from pbrdf_bayes.inference.holdout_cases import Case, list_cases
 from pbrdf_bayes.inference.map_fit import climb, coordinate_bounds, find_map
@@ -45,57 +52,6 @@ _ADDED_AT = 0.2
 """Quantile of its prior at which the parameter of an added effect starts."""
 _AT_BOUND = 1e-3
 _CHANCE = 0.05
-
-
-@dataclass(frozen=True)
-class Scored:
-    """A candidate and how it predicts.
-
-    Attributes
-    ----------
-    name : str
-        Effects and line shape in words.
-    effects : tuple of str
-    line_shape : str
-    n_free : int
-        Parameters of the model that are not fixed.
-    rms_dex, held_out_dex : float
-        Of the readings fitted, and of those left out, root mean square over the cases.
-    score, difference, u_difference : float
-        Mean ln rms of what was left out; that of the best candidate subtracted, with the standard
-        error of the paired difference.
-    at_bound : tuple of str
-        Parameters on a bound that is not their null value.
-    microseconds : float
-        Of one likelihood evaluation.
-    chosen : bool
-    """
-
-    name: str
-    effects: tuple[str, ...]
-    line_shape: str
-    n_free: int
-    rms_dex: float
-    held_out_dex: float
-    score: float
-    difference: float
-    u_difference: float
-    at_bound: tuple[str, ...]
-    microseconds: float
-    chosen: bool
-
-
-@dataclass(frozen=True)
-class EffectsChoice:
-    """All candidates, the smallest first, and which one was taken.
-
-    ``caution`` is what is to be said where too few cases could be left out.
-    """
-
-    candidates: tuple[Scored, ...]
-    cases: tuple[str, ...]
-    statement: str
-    caution: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +95,7 @@ def choose_effects(
     cases = list_cases(measurement)
     base = as_chosen(measurement, config, effects=(), line_shape=config.line_shape)
     if not cases:
-        words = "There is one angle of incidence only: nothing could be left out, nothing is added."
+        words = f"{nothing_left_out(measurement)}: nothing could be left out, nothing is added."
         return base, EffectsChoice((), (), words, caution(0))
     tried = _grow(measurement, base, cases, seed, told)
     best = min(tried, key=lambda t: t.score)
@@ -148,7 +104,11 @@ def choose_effects(
     scored.sort(key=lambda s: (s.n_free, s.score))
     names = tuple(case.name for case in cases)
     words = _statement(chosen, tried[0], config)
-    return chosen.config, EffectsChoice(tuple(scored), names, words, caution(len(names)))
+    held_out = {
+        kind: float(np.sqrt(np.mean(np.exp(2.0 * chosen.log_rms[[c.kind == kind for c in cases]]))))
+        for kind in dict.fromkeys(case.kind for case in cases)
+    }
+    return chosen.config, EffectsChoice(tuple(scored), names, words, caution(len(names)), held_out)
 
 
 def compare_configs(

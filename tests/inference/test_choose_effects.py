@@ -13,8 +13,11 @@ from pbrdf_bayes import (
     build_posterior,
     simulate_measurement,
 )
+from pbrdf_bayes.config import INSTRUMENT_EFFECTS
 from pbrdf_bayes.inference import choose_effects as choosing
 from pbrdf_bayes.inference.choose_effects import choose_effects
+from pbrdf_bayes.inference.effect_candidates import grown
+from pbrdf_bayes.measurement import select_scans
 
 AUTO = RunConfig(effects=("auto",))
 GRID = np.arange(-80.0, 81.0, 8.0)
@@ -54,6 +57,35 @@ def test_one_angle_and_one_polarisation_leave_nothing_to_choose_by():
     assert config.effects == ()
     assert choice.candidates == ()
     assert "no statistics" in choice.caution
+
+
+def test_readings_of_the_dhr_alone_are_not_called_one_angle():
+    """Four angles of incidence, and no curve to be left out and predicted."""
+    whole = simulated(1)
+    alone = select_scans(whole, np.zeros(len(whole.scans), dtype=bool), dhr=True)
+    assert np.unique(alone.dhr.theta_i_deg).size > 3
+    config, choice = choose_effects(alone, AUTO, seed=1)
+    assert config.effects == ()
+    assert choice.statement.startswith("Without BRDF scans there is no curve to predict: ")
+
+
+def test_candidates_never_hold_an_effect_of_the_instrument():
+    """Readings of one polarisation or without DHR could not tell them."""
+    reached, new = set(), [RunConfig()]
+    while new:
+        larger = {c.effects: c for one in new for c in grown(one)}
+        new = [c for c in larger.values() if frozenset(c.effects) not in reached]
+        reached |= {frozenset(c.effects) for c in new}
+    assert reached
+    assert not set().union(*reached) & set(INSTRUMENT_EFFECTS)
+
+
+def test_the_score_of_angles_is_kept_for_the_verdict(gains):
+    gains(0.0)
+    _, choice = choose_effects(simulated(2), AUTO, seed=1)
+    logs = 1e-3 * np.arange(5)  # three angles, then the two polarisations
+    for kind, part in (("angle", logs[:3]), ("polarization", logs[3:])):
+        assert choice.held_out[kind] == pytest.approx(np.sqrt(np.mean(np.exp(2.0 * part))))
 
 
 def test_named_effects_are_left_alone():
