@@ -22,6 +22,13 @@ def grown(config: RunConfig) -> Iterator[RunConfig]:
         yield replace(config, line_shape="cauchy")
 
 
+def alternatives(config: RunConfig) -> Iterator[RunConfig]:
+    """The same with Lambertian in place of bulk scatter, or bulk in place of Lambertian."""
+    swapped = {"lambert": "bulk", "bulk": "lambert"}
+    if set(swapped) & set(config.effects):
+        yield replace(config, effects=tuple(swapped.get(name, name) for name in config.effects))
+
+
 def of_other_shapes(config: RunConfig) -> Iterator[RunConfig]:
     """The same with a Gaussian and with a Voigt line shape.
 

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from pbrdf_bayes import (
     GREEN_PAINT,
     ConfigError,
     Effects,
+    Parameters,
     RunConfig,
     build_posterior,
     simulate_measurement,
 )
+from pbrdf_bayes import brdf as brdf_of
 from pbrdf_bayes.config import INSTRUMENT_EFFECTS
 from pbrdf_bayes.inference import choose_effects as choosing
 from pbrdf_bayes.inference.choose_effects import choose_effects
@@ -86,6 +91,35 @@ def test_the_score_of_angles_is_kept_for_the_verdict(gains):
     logs = 1e-3 * np.arange(5)  # three angles, then the two polarisations
     for kind, part in (("angle", logs[:3]), ("polarization", logs[3:])):
         assert choice.held_out[kind] == pytest.approx(np.sqrt(np.mean(np.exp(2.0 * part))))
+
+
+def test_stated_uncertainties_have_no_say_in_the_choice(monkeypatch):
+    """The score counts all readings alike; fits that do not are scored for what they did not fit.
+
+    The chosen optimum is then that of least squares, here of scipy's on the plain model.
+    """
+    measurement = simulated(4)
+    rng, brdf = np.random.default_rng(1), measurement.brdf
+    stated = replace(brdf, u_value=brdf.value * rng.uniform(0.01, 1.0, len(brdf)))
+    dhr = measurement.dhr
+    none = replace(measurement, dhr=replace(dhr, **{
+        name: getattr(dhr, name)[:0] for name in dhr.__dataclass_fields__
+    }), brdf=stated)  # fmt: skip
+    monkeypatch.setattr(choosing, "grown", lambda _: iter(()))
+    _, choice = choose_effects(none, AUTO, seed=1)
+
+    def residuals(x):
+        paint = Parameters(n=x[0], k=x[1], sigma_n0=x[2], rho0=x[3])
+        found = [
+            brdf_of(paint, brdf.theta_i_deg, brdf.theta_r_deg, q, rtol=1e-5) for q in ("s", "p")
+        ]
+        return np.log10(brdf.value / np.where(brdf.polarization == "s", *found))
+
+    best = least_squares(
+        residuals, [1.5, 0.2, 0.5, 0.4], bounds=([1.01, 0.0, 0.01, 0.01], [3.0, 3.0, 1.0, 4.0])
+    )
+    rms = np.sqrt(np.mean(best.fun**2))
+    assert choice.candidates[0].rms_dex == pytest.approx(rms, rel=2e-4)
 
 
 def test_named_effects_are_left_alone():
