@@ -8,6 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from pbrdf_bayes.errors import ConfigError
+
 DONE, BAD_INPUT, NOT_CONVERGED, STRICT_FAIL, INTERRUPTED = 0, 2, 3, 4, 130
 
 interrupted = threading.Event()
@@ -79,9 +81,19 @@ def words(text: str) -> list[str]:
 
 
 def effects(text: str | None) -> tuple[str, ...] | None:
-    """Names of effects with commas, or ``none``."""
+    """Names of effects with commas, or ``none``.
+
+    Raises
+    ------
+    ConfigError
+        Where a name is empty.
+    """
     if text is None:
         return None
-    if text == "none":
+    if text.strip() == "none":
         return ()
-    return tuple(part.strip() for part in text.split(",") if part.strip())
+    found = tuple(part.strip() for part in text.split(","))
+    if "" in found:
+        msg = f"--effects {text!r}: give names with commas, e.g. lambert,volume, or none, or auto"
+        raise ConfigError(msg)
+    return found

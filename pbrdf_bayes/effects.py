@@ -72,7 +72,8 @@ class Effects:
     offset_theta_i_deg, offset_theta_r_deg : float
         Zero offsets of the goniometer [deg].
     aperture_deg : float
-        Half of the range of theta_r that the detector sees [deg].
+        Half of the range of theta_r that the detector sees [deg]; what of it is beyond the horizon
+        counts as nothing.
 
     Raises
     ------

@@ -158,7 +158,7 @@ def brdf(
         dhr_theta_i=_NO_ANGLES,
         dhr_polarization=np.zeros(0, np.str_),
     )
-    values, _ = _evaluate(parameters, effects, angles[0], geometry, digits_of(rtol))
+    values, _ = _evaluate(parameters, effects, geometry, digits_of(rtol))
     return np.asarray(values[0].reshape(angles[0].shape))
 
 
@@ -203,19 +203,18 @@ def dhr(
         dhr_theta_i=np.deg2rad(angles.ravel()),
         dhr_polarization=np.full(angles.size, _checked_polarization(polarization)),
     )
-    _, values = _evaluate(parameters, effects, angles, geometry, 6.0)
+    _, values = _evaluate(parameters, effects, geometry, 6.0)
     return np.asarray(values[0].reshape(angles.shape))
 
 
 def _evaluate(
-    parameters: Parameters, effects: Effects | None, theta_i_deg: Array, geometry: Geometry,
-    digits: float,
-) -> tuple[Array, Array]:  # fmt: skip
+    parameters: Parameters, effects: Effects | None, geometry: Geometry, digits: float
+) -> tuple[Array, Array]:
     """BRDF and DHR of the rows, shapes (1, n_brdf) and (1, n_dhr)."""
     x = parameters.as_array()
     if effects is None or effects.is_null:
         return evaluate(geometry, x[None, :], digits)
-    check_energy(x, effects, theta_i_deg)
+    check_energy(x, effects)
     return evaluate_with_effects(geometry, *scene_and_columns(effects, x), digits)
 
 

@@ -22,6 +22,7 @@ from math import isclose
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.axial import axial_quantiles, mirrored
 from pbrdf_bayes.config import ACCURACIES
 from pbrdf_bayes.effects import INSTRUMENT_FIELDS, Effects, with_values
 from pbrdf_bayes.energy import DIFFUSE, check_energy
@@ -41,6 +42,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 QUANTILES = (0.05, 0.5, 0.95)
+_UNPOLARISED = 1e-12
+"""Degree of linear polarisation that is rounding: such light has no angle."""
 _MOST_VALUES = 4_000_000
 """Values of all draws that are in memory at a time."""
 _NONE = np.zeros(0)
@@ -109,7 +112,8 @@ def predict_scene(
     Returns
     -------
     SceneValues
-        BRDF and Stokes components [sr^-1], DHR and degree of linear polarisation [1].
+        BRDF and Stokes components [sr^-1], DHR and degree of linear polarisation [1], its angle
+        [deg].
 
     Raises
     ------
@@ -151,19 +155,19 @@ def predict_scene(
         drawn = _of_run(model, scene)
     else:
         whole = _on_top(effects, scene)
-        incident = np.array([*scene.theta_i_deg, *scene.dhr_theta_i_deg])
-        check_energy(model.as_array(), whole, incident)
+        check_energy(model.as_array(), whole)
         drawn = _of_parameters(model, whole, scene, rtol)
     return compute_scene(drawn, scene)
 
 
 def compute_scene(drawn: DrawnModel, scene: Scene) -> SceneValues:
     """What a scene asks for, from parameter sets; its angles are checked before."""
-    brdf, stokes, dolp = _over_directions(drawn, scene) if scene.theta_i_deg else (None,) * 3
+    grids = _over_directions(drawn, scene) if scene.theta_i_deg else (None,) * 4
+    brdf, stokes, dolp, aolp = grids
     return SceneValues(
         scene=scene, quantiles=QUANTILES if len(drawn.x) > 1 else (0.5,), brdf=brdf,
         dhr=_dhr(drawn, scene) if scene.dhr_theta_i_deg else None, stokes=stokes, dolp=dolp,
-        source=drawn.source,
+        aolp_deg=aolp, source=drawn.source,
     )  # fmt: skip
 
 
@@ -227,6 +231,9 @@ def _of_run(analysis: Analysis, scene: Scene) -> DrawnModel:
         "seed": str(summary["seed"]),
         "bands": f"5 %, 50 % and 95 % of {scene.n_draws} draws of the posterior",
     }
+    judged = summary.get("applicability") or {}
+    if judged.get("verdict", "applies") != "applies":
+        source["applicability"] = str(judged["statement"])
     found = DrawnModel(
         x, names, config["line_shape"], config["fresnel_at"],
         digits_of(ACCURACIES[config["accuracy"]].rtol), source,
@@ -277,8 +284,8 @@ def _distinct(scene: Scene) -> _Directions:
     return _Directions(distinct[:, 0], distinct[:, 1], which.ravel(), mirrored)
 
 
-def _over_directions(model: DrawnModel, scene: Scene) -> tuple[Array, Array | None, Array | None]:
-    """BRDF, Stokes components and degree of linear polarisation on the grid of the scene."""
+def _over_directions(model: DrawnModel, scene: Scene) -> tuple[Array | None, ...]:
+    """BRDF, Stokes components, degree and angle of linear polarisation on the grid of the scene."""
     grid = _distinct(scene)
     found = [_at_incidence(model, scene, theta_i, grid) for theta_i in scene.theta_i_deg]
     n = len(QUANTILES) if len(model.x) > 1 else 1
@@ -287,16 +294,18 @@ def _over_directions(model: DrawnModel, scene: Scene) -> tuple[Array, Array | No
     n_words = len(scene.polarizations)
     brdf = whole[:n_words].reshape(n_words, *shape)
     if not scene.stokes_incident:
-        return brdf, None, None
-    s2 = whole[n_words + 2]
+        return brdf, None, None, None
+    s2, dolp, aolp = whole[n_words + 2], whole[n_words + 3], whole[n_words + 4]
     s2[:, grid.mirrored] = -s2[:, grid.mirrored, ::-1]
-    return brdf, whole[n_words : n_words + 3].reshape(3, *shape), whole[-1].reshape(shape)
+    aolp[:, grid.mirrored] = mirrored(aolp[:, grid.mirrored], n // 2)
+    stokes = whole[n_words : n_words + 3].reshape(3, *shape)
+    return brdf, stokes, dolp.reshape(shape), aolp.reshape(shape)
 
 
 def _at_incidence(model: DrawnModel, scene: Scene, theta_i: float, grid: _Directions) -> Array:
-    """BRDF of each polarisation, S0, S1, S2 and DoLP: quantiles, (n, n_distinct, n_quantile)."""
+    """BRDF of each polarisation, S0, S1, S2, DoLP, AoLP: (n, n_distinct, n_quantile)."""
     parts = [
-        np.concatenate([_quantiles(values) for values in _block(model, scene, theta_i, grid, rows)])
+        np.concatenate(list(_block(model, scene, theta_i, grid, rows)))
         for rows in _blocks(len(model.x) * 3, grid.theta_r.size)
     ]
     return np.concatenate(parts, axis=1)
@@ -311,18 +320,25 @@ def _blocks(width: int, size: int) -> Iterator[slice]:
 def _block(
     model: DrawnModel, scene: Scene, theta_i: float, grid: _Directions, rows: slice
 ) -> Iterator[Array]:
-    """BRDF and, where asked for, Stokes components and DoLP of all draws, (n_sets, n, n_rows)."""
+    """Quantiles of BRDF and, where asked for, Stokes components, DoLP and AoLP; as they are asked.
+
+    Each of shape (n, n_rows, n_quantile).
+    """
     theta_r, phi_r = grid.theta_r[rows], grid.phi_r[rows]
     asked = scene.polarizations
     words = asked if not scene.stokes_incident else tuple(dict.fromkeys((*asked, "s", "p")))
     values = _brdf(model, theta_i, theta_r, phi_r, words)
-    yield values[:, : len(asked)]
+    yield _quantiles(values[:, : len(asked)])
     if scene.stokes_incident:
         f_s, f_p = values[:, words.index("s")], values[:, words.index("p")]
         stokes = _stokes(model, scene, np.deg2rad([theta_i]), theta_r, phi_r, (f_s, f_p))
-        yield stokes
+        yield _quantiles(stokes)
         lit = np.where(stokes[:, :1] > 0.0, stokes[:, :1], np.nan)
-        yield np.hypot(stokes[:, 1:2], stokes[:, 2:3]) / lit
+        share = np.hypot(stokes[:, 1:2], stokes[:, 2:3]) / lit
+        yield _quantiles(share)
+        angle = np.rad2deg(0.5 * np.arctan2(stokes[:, 2:3], stokes[:, 1:2]))
+        angle[~(share > _UNPOLARISED)] = np.nan
+        yield axial_quantiles(angle, QUANTILES)
 
 
 def _brdf(

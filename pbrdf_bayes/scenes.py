@@ -183,6 +183,11 @@ class SceneValues:
         (3, n_theta_i, n_theta_r, n_phi_r, n_quantile), per unit irradiance [sr^-1].
     dolp : ndarray or None
         Degree of linear polarisation, shape (n_theta_i, n_theta_r, n_phi_r, n_quantile) [1].
+    aolp_deg : ndarray or None
+        Angle of linear polarisation, of the same shape, see
+        `pbrdf_bayes.angle_of_linear_polarization_deg` [deg]: modulo 180, 0 along s, medians in
+        (-90, 90]. The band is that of the deviations from the mean axis of the draws, its ends on
+        their own sides of the median. NaN where the degree is 0.
     source : mapping
         Where the model comes from, as text by name.
     """
@@ -193,6 +198,7 @@ class SceneValues:
     dhr: Array | None
     stokes: Array | None
     dolp: Array | None
+    aolp_deg: Array | None
     source: Mapping[str, str]
 
     @property

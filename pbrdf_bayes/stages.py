@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from pbrdf_bayes.data_checks import DataCheck
 from pbrdf_bayes.inference.applicability import Applicability
 from pbrdf_bayes.inference.bands import Bands, Targets
-from pbrdf_bayes.inference.choose_effects import EffectsChoice
 from pbrdf_bayes.inference.diagnostics import Identifiability
 from pbrdf_bayes.inference.discrepancy_size import DiscrepancySize
+from pbrdf_bayes.inference.effects_choice import EffectsChoice
 from pbrdf_bayes.inference.holdout import Holdout
 from pbrdf_bayes.inference.leave_one_out import LeaveOneOut
 from pbrdf_bayes.inference.map_fit import MapResult

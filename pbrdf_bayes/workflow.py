@@ -17,27 +17,31 @@ from pbrdf_bayes.compile_ahead import WITH_EFFECTS, compile_ahead, likelihood_to
 from pbrdf_bayes.config import ACCURACIES, AUTO, RunConfig
 from pbrdf_bayes.curves import count_covered, predict_curves, predict_dhr
 from pbrdf_bayes.data_checks import DataCheck, check_measurement
-from pbrdf_bayes.inference.applicability import judge_applicability, repeatability_dex
-from pbrdf_bayes.inference.bands import scan_scales
-from pbrdf_bayes.inference.choose_effects import (
-    EffectsChoice,
-    choose_effects,
-    time_likelihood,
+from pbrdf_bayes.inference.applicability import (
+    find_repeatability,
+    held_out_rms,
+    judge_applicability,
 )
+from pbrdf_bayes.inference.bands import scan_scales
+from pbrdf_bayes.inference.choose_effects import choose_effects, time_likelihood
 from pbrdf_bayes.inference.common_misfit import compare_misfits
 from pbrdf_bayes.inference.dhr_misfit import measure_dhr_misfit
 from pbrdf_bayes.inference.diagnostics import assess_identifiability, run_diagnostics
 from pbrdf_bayes.inference.discrepancy_size import measure_discrepancy
+from pbrdf_bayes.inference.effects_choice import EffectsChoice
 from pbrdf_bayes.inference.ensembles import Checkpoint
 from pbrdf_bayes.inference.holdout import run_holdout
-from pbrdf_bayes.inference.holdout_cases import list_cases, run_cases
+from pbrdf_bayes.inference.holdout_cases import list_cases, run_cases, why_no_angle_left_out
 from pbrdf_bayes.inference.laplace import laplace_mixture
 from pbrdf_bayes.inference.least_squares import fit_least_squares
 from pbrdf_bayes.inference.leave_one_out import leave_each_out
 from pbrdf_bayes.inference.map_fit import MapResult, find_map
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior, normalisation_change
 from pbrdf_bayes.inference.power_scaling import measure_sensitivity
-from pbrdf_bayes.inference.prior_support import refuse_impossible_priors
+from pbrdf_bayes.inference.prior_support import (
+    refuse_impossible_priors,
+    refuse_untold_instrument,
+)
 from pbrdf_bayes.inference.reciprocity_size import measure_reciprocity
 from pbrdf_bayes.inference.residuals import (
     calibrated_residuals,
@@ -135,6 +139,7 @@ def fit(
         checks = check_measurement(measurement)
         posterior = build_posterior(measurement, config)
         refuse_impossible_priors(posterior)
+        refuse_untold_instrument(posterior)
     return _fit_posterior(posterior, checks, seed, clock, choice=choice)
 
 
@@ -190,9 +195,11 @@ def _fit_posterior(
         holdouts = run_cases(posterior, optima.best.x, cases, seed=seed)
     noise = white_noise_dex(posterior)
     applicability = judge_applicability(
-        best_rms_dex=best_rms, repeatability=repeatability_dex(m, noise),
+        best_rms_dex=best_rms, repeatability=find_repeatability(m, noise, config.brdf_floor),
         bound_share=identifiability.bound_share.tolist(), names=identifiability.names,
-        holdouts=holdouts, extended=choice is not None or bool(config.additions),
+        held_out={**(choice.held_out if choice is not None else {}), **held_out_rms(holdouts)},
+        untested=why_no_angle_left_out(m, wanted),
+        extended=choice is not None or bool(config.additions),
     )  # fmt: skip
     diagnostics = run_diagnostics(
         config=config, draws=draws, optima=optima, residuals=best, best_rms_dex=best_rms,
@@ -333,6 +340,7 @@ def fit_into(
         named = replace(config, effects=()) if config.effects == AUTO else config
         posterior = build_posterior(measurement, named)
         refuse_impossible_priors(posterior)
+        refuse_untold_instrument(posterior)
     if not (resume and folder.is_dir()):
         run_folder.refuse_other_content(
             folder, what="the folder of the run", remedy="Add --resume, or give another --out"

@@ -18,7 +18,7 @@ PACKAGE = ROOT.name
 
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "physics"),
-    ("config", "measurement", "results"),
+    ("axial", "config", "measurement", "results"),
     ("effects", "scenes"),
     ("energy",),
     ("model",),

@@ -306,6 +306,9 @@ def test_strict_makes_a_verdict_of_fail_four(
     [
         (["--accuracy", "drat"], "Did you mean 'draft'?"),
         (["--effects", "no_such_effect"], "effects = 'no_such_effect' is not known"),
+        (["--effects", ","], "--effects ',': give names with commas"),
+        (["--effects", ""], "--effects '': give names with commas"),
+        (["--effects", "lambert,,volume"], "--effects 'lambert,,volume': give names with commas"),
         (["--sample", "green"], "green"),
         (["--wavelength", "0.65"], "0.65 um was not measured"),
         (["--config", "missing.toml"], "missing.toml: cannot be read"),

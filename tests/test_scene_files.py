@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -64,7 +66,7 @@ def test_everything_is_written_and_the_folder_is_printed(here, capsys):
     assert captured.out == "o\n"
     pictures = {
         f"scene_{name}_{theta}.svg"
-        for name in ("brdf_s", "brdf_p", "dolp", "plane", "plane_dolp")
+        for name in ("brdf_s", "brdf_p", "dolp", "aolp", "plane", "plane_dolp")
         for theta in (20, 60)
     }
     written = {"scene.csv", "scene.nc", "scene.html", "scene_dhr.svg", *pictures}
@@ -78,7 +80,7 @@ def test_the_csv_is_the_public_model(here):
     assert tuple(rows[0]) == COLUMNS
     n = 2 * 9 * 13
     counts = {q: sum(r["quantity"] == q for r in rows) for q in {r["quantity"] for r in rows}}
-    assert counts == {"brdf": 2 * n, "S0": n, "S1": n, "S2": n, "dolp": n, "dhr": 10}
+    assert counts == {"brdf": 2 * n, "S0": n, "S1": n, "S2": n, "dolp": n, "dhr": 10, "aolp_deg": n}
     for row in rows[:: len(rows) // 40]:
         if row["quantity"] == "brdf":
             at = [float(row[k]) for k in ("theta_i_deg", "theta_r_deg", "phi_r_deg")]
@@ -96,9 +98,10 @@ def test_csv_and_netcdf_hold_the_same_numbers_with_bands(finished_run, here):
     found = pb.predict_scene(load_analysis(finished_run), read_scene(Path("scene.toml")))
     with xr.open_dataset("o/scene.nc", engine="h5netcdf") as file:
         data = file.load()
-    for name in ("brdf", "dhr", "stokes", "dolp"):
+    for name in ("brdf", "dhr", "stokes", "dolp", "aolp_deg"):
         np.testing.assert_array_equal(data[name].values, getattr(found, name))
-        assert data[name].attrs["units"] in ("sr-1", "1")
+        assert data[name].attrs["units"] in ("sr-1", "1", "degree")
+    assert "modulo 180" in data["aolp_deg"].attrs["comment"]
     assert data.attrs["sample"] == "small_simulated"
     assert data.attrs["depolarisation"] == 0.1
     assert data["quantile"].values.tolist() == [0.05, 0.5, 0.95]
@@ -113,10 +116,12 @@ def test_csv_and_netcdf_hold_the_same_numbers_with_bands(finished_run, here):
             cell = {
                 "brdf": lambda q=q: data["brdf"].sel(polarization=q),
                 "dolp": lambda: data["dolp"],
+                "aolp_deg": lambda: data["aolp_deg"],
             }.get(quantity, lambda c=quantity: data["stokes"].sel(component=c))().sel(at)
         for column, quantile in columns.items():
             expected = float(cell.sel(quantile=quantile))
-            assert float(row[column]) == pytest.approx(expected, rel=1e-8, abs=1e-300)
+            told = float(row[column] or "nan")
+            assert told == pytest.approx(expected, rel=1e-8, abs=1e-300, nan_ok=True)
 
 
 def test_only_what_was_asked_for_is_in_the_files(here):
@@ -167,6 +172,7 @@ def test_pictures_are_well_formed_and_say_what_they_show():
     by_name = {p.name: p for p in found}
     assert set(by_name) == {
         "scene_plane_50", "scene_plane_dolp_50", "scene_brdf_s_50", "scene_brdf_p_50", "scene_dolp_50",
+        "scene_aolp_50",
     }  # fmt: skip
     for picture in found:
         root = ET.fromstring(standalone_svg(picture))
@@ -179,6 +185,34 @@ def test_pictures_are_well_formed_and_say_what_they_show():
     words = "".join(ET.fromstring(standalone_svg(by_name["scene_brdf_s_50"])).itertext())
     for label in ("φ", "90°", "180°", "30°", "BRDF (sr⁻¹), s", "specular", "0.1"):
         assert label in words
+
+
+def test_half_and_whole_circle_draw_the_same_angles_of_polarisation():
+    """The mirror image has the other sign."""
+    given = {
+        "theta_i_deg": (50.0,),
+        "theta_r_deg": tuple(np.arange(0.0, 86.0, 5.0)),
+        "polarizations": ("s",),
+        "stokes_incident": "s",
+    }
+    circles = (np.arange(0.0, 181.0, 20.0), np.arange(-180.0, 1.0, 20.0), np.arange(0.0, 341.0, 20))
+    drawn = [
+        {p.name: p for p in pictures_of(**given, phi_r_deg=tuple(phi))}["scene_aolp_50"]
+        for phi in circles
+    ]
+    assert drawn[0].svg == drawn[1].svg == drawn[2].svg
+
+
+def test_the_page_of_a_run_says_where_the_model_does_not_apply(finished_run, here, tmp_path):
+    folder = Path(shutil.copytree(finished_run, tmp_path / "run"))
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    for verdict, shown in (("applies", False), ("descriptive only", True)):
+        told = {**summary["applicability"], "verdict": verdict, "statement": "No constants."}
+        text = json.dumps({**summary, "applicability": told})
+        (folder / "summary.json").write_text(text, encoding="utf-8")
+        assert ask(PLANE, folder, out=f"o{shown}") == 0
+        page = Path(f"o{shown}/scene.html").read_text(encoding="utf-8")
+        assert ("applicability of the model: No constants." in page) == shown
 
 
 def test_half_and_whole_circle_draw_the_same_map():
@@ -226,7 +260,7 @@ def test_flat_maps_can_be_drawn():
         black = pb.Parameters(n=1.5, k=0.1, sigma_n0=0.0, rho0=0.3)
         values = pb.predict_scene(black, wanted, effects=pb.Effects(lambert=strength))
         page = render_scene(values, scene_pictures(values))
-        assert page.count('<div class="panel">') == 6
+        assert page.count('<div class="panel">') == 7
         assert "nan" not in scene_csv(values)
         assert scene_dataset(values)["brdf"].shape == (2, 1, 18, 10, 1)
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 import pbrdf_bayes as pb
 from pbrdf_bayes import scene_prediction
+from pbrdf_bayes.axial import axial_quantiles, mirrored
 from pbrdf_bayes.effects import Effects
 from pbrdf_bayes.inference.bands import Targets
 from pbrdf_bayes.io.run_folder import load_analysis
@@ -122,6 +123,43 @@ def test_s0_of_unpolarised_light_is_the_brdf(effects: Effects | None):
 
 
 @pytest.mark.parametrize("incident", ALL)
+@pytest.mark.parametrize("effects", [None, MIXED])
+def test_the_angle_of_polarisation_is_that_of_the_stokes_components(incident, effects):
+    """All around, the mirror images included; none where the light is unpolarised."""
+    found = values(scene(phi_r_deg=CIRCLE, stokes_incident=incident), effects)
+    vectors = np.moveaxis(found.stokes, 0, -1)
+    expected = pb.angle_of_linear_polarization_deg(vectors)
+    defined = found.dolp > 1e-12
+    assert defined.any()
+    np.testing.assert_array_equal(np.isnan(found.aolp_deg), ~defined)
+    apart = (found.aolp_deg - expected)[defined]
+    np.testing.assert_allclose(np.mod(apart + 90.0, 180.0) - 90.0, 0.0, atol=1e-6)
+    assert found.aolp_deg[defined].max() <= 90.0
+    assert found.aolp_deg[defined].min() > -90.0
+
+
+def test_depolarised_light_has_no_angle():
+    found = values(scene(phi_r_deg=HALF, stokes_incident="s", depolarisation=1.0))
+    assert np.isnan(found.aolp_deg).all()
+    assert (found.dolp == 0.0).all()
+
+
+@pytest.mark.parametrize("centre", [0.0, 44.0, 89.0, -90.0])
+def test_a_band_of_angles_does_not_see_where_they_are_cut(centre: float):
+    """The band of draws about any axis is that about 0, turned."""
+    draws = 12.0 * np.random.default_rng(2).standard_normal((400, 7))
+    plain = np.moveaxis(np.quantile(draws, scene_prediction.QUANTILES, axis=0), 0, -1)
+    turned = np.mod(draws + centre + 90.0, 180.0) - 90.0
+    found = axial_quantiles(turned, scene_prediction.QUANTILES)
+    np.testing.assert_allclose(np.diff(found), np.diff(plain), atol=1e-9)
+    apart = found - plain - centre
+    np.testing.assert_allclose(apart, 180.0 * np.round(apart / 180.0), atol=1e-9)
+    assert ((found[:, 1] > -90.0) & (found[:, 1] <= 90.0)).all()
+    back = mirrored(mirrored(found, 1), 1)
+    np.testing.assert_allclose(back, found, atol=1e-9)
+
+
+@pytest.mark.parametrize("incident", ALL)
 def test_lambertian_light_is_added_unpolarised(incident: str):
     """And the surface is as it is without it."""
     wanted = scene(phi_r_deg=HALF, stokes_incident=incident)
@@ -202,7 +240,7 @@ def test_bands_of_a_run_are_those_of_the_curves(finished_run):
         )
         np.testing.assert_allclose(found.dhr[j], dhr.model[:, [0, 2, 4]], rtol=1e-9)
     np.testing.assert_allclose(found.stokes[0], found.brdf[1], rtol=1e-9)
-    for array in (found.brdf, found.dhr, found.stokes, found.dolp):
+    for array in (found.brdf, found.dhr, found.stokes, found.dolp, found.aolp_deg):
         assert (np.diff(array, axis=-1) >= 0.0).all()
 
 
@@ -220,7 +258,7 @@ def test_blocks_change_nothing(finished_run, monkeypatch: pytest.MonkeyPatch):
     whole = pb.predict_scene(analysis, wanted)
     monkeypatch.setattr(scene_prediction, "_MOST_VALUES", 20 * 3 * 31)
     parts = pb.predict_scene(analysis, wanted)
-    for name in ("brdf", "stokes", "dolp"):
+    for name in ("brdf", "stokes", "dolp", "aolp_deg"):
         np.testing.assert_allclose(getattr(parts, name), getattr(whole, name), rtol=1e-12)
 
 

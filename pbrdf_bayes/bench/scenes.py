@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,10 @@ import numpy as np
 from pbrdf_bayes.bench.speed import RTOL_DIGITS, paper_posterior, parameter_sets
 from pbrdf_bayes.bench.timing import time_in_turns
 from pbrdf_bayes.model import DOMAIN
+from pbrdf_bayes.physics.reciprocal import solve_scale
 from pbrdf_bayes.scene_prediction import DrawnModel, compute_scene
 from pbrdf_bayes.scenes import Scene
+from pbrdf_bayes.simulate import GREEN_PAINT
 
 _N_DRAWS = 64
 _THETA_I = (20.0, 60.0)
@@ -24,7 +27,8 @@ _LAMBERT = 0.01
 def measure_scenes(*, quick: bool) -> list[dict[str, Any]]:
     """Time of scenes that ask for more and more, bands of 64 draws included.
 
-    Two angles of incidence; 171 directions in plane, 1332 in half of the hemisphere.
+    Two angles of incidence; 171 directions in plane, 1332 in half of the hemisphere. Last the
+    reciprocal normalisation, which is solved for once a surface.
 
     Returns
     -------
@@ -53,6 +57,9 @@ def measure_scenes(*, quick: bool) -> list[dict[str, Any]]:
         "whole hemisphere, s and p": (bare, Scene(**whole)),
         "half, s and p, Stokes of unpolarised light": (bare, Scene(**half, stokes_incident="u")),
         "half, s and p, Stokes of s light": (bare, Scene(**half, stokes_incident="s")),
+        "half, s and p, Stokes of s light, depolarised": (
+            bare, Scene(**half, stokes_incident="s", depolarisation=0.1),
+        ),
         "half, s and p, Lambertian": (diffuse, Scene(**half)),
         "half, s and p, Lambertian, Stokes of s light": (
             diffuse, Scene(**half, stokes_incident="s"),
@@ -62,8 +69,20 @@ def measure_scenes(*, quick: bool) -> list[dict[str, Any]]:
         {name: partial(compute_scene, *case) for name, case in cases.items()},
         rounds=2 if quick else 12,
     )
+    times |= {name: t * _N_DRAWS for name, t in _reciprocal(quick=quick).items()}
     first = next(iter(times.values()))
     return [
         {"scene": name, "microseconds": t * 1e6 / _N_DRAWS, "ratio": t / first}
         for name, t in times.items()
     ]
+
+
+def _reciprocal(*, quick: bool) -> dict[str, float]:
+    """Seconds that the reciprocal normalisation of the published paint takes, by its tolerance."""
+    paint, found = GREEN_PAINT, {}
+    solve_scale(paint.n, paint.k, paint.rho0, 1e-3)  # compiled
+    for rtol in (1e-6,) if quick else (1e-6, 1e-8):
+        started = perf_counter()
+        solve_scale(paint.n, paint.k, paint.rho0, rtol)
+        found[f"reciprocal normalisation, one surface, rtol {rtol:.0e}"] = perf_counter() - started
+    return found

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pbrdf_bayes.inference.holdout import Holdout
 from pbrdf_bayes.inference.parameters import PHYSICAL
+from pbrdf_bayes.inference.residuals import weight_beside_floor
 from pbrdf_bayes.inference.verdicts import (
     BOUND_SHARE_WARN,
     FAIL,
@@ -47,6 +48,12 @@ class Applicability:
     statement, advice : str
     limit_dex : float
         Rms beyond which the model is descriptive only [dex].
+    repeatability_dex : float
+        How well a reading repeats [dex]; NaN where that is not known.
+    repeatability : str
+        Where that is known from.
+    held_out : str
+        How angles that were left out are predicted, or why none was.
     """
 
     verdict: str
@@ -54,25 +61,71 @@ class Applicability:
     statement: str
     advice: str
     limit_dex: float
+    repeatability_dex: float
+    repeatability: str
+    held_out: str
 
 
-def repeatability_dex(measurement: Measurement, white_noise_dex: float) -> float:
-    """How well a reading repeats: the larger of white noise and stated scatter of repeats [dex].
+@dataclass(frozen=True)
+class Repeatability:
+    """How well a reading repeats [dex], NaN where that is not known, and where it is known from."""
 
-    NaN where neither is known.
+    dex: float
+    words: str
+
+
+_BRIGHT_NOISE = 0.1
+"""Relative noise beside which the floor's part counts."""
+STATED = "stated by the column sigma"
+INFERRED = "inferred from the scatter of neighbouring readings"
+
+
+def find_repeatability(
+    measurement: Measurement, white_noise_dex: float, brdf_floor: float = 0.0
+) -> Repeatability:
+    """The larger of what the column sigma states and the white noise between neighbours.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        ``u_value`` of its rows is sigma, that of the mean where ``n_repeats`` was given.
+    white_noise_dex : float
+        See `pbrdf_bayes.inference.residuals.white_noise_dex` [dex].
+    brdf_floor : float
+        Readings that come near it count less [sr^-1].
+
+    Returns
+    -------
+    Repeatability
+        Stated: rms of sigma/value/ln(10) over the rows that state one. Repeated scans that differ
+        by a gain or by their ends are told by that column alone: their mean is smooth.
     """
     brdf = measurement.brdf
-    stated = brdf.repeated & (brdf.value > 0.0) & np.isfinite(brdf.u_value)
-    scatter = np.nan
-    if stated.any():
-        relative = brdf.u_value[stated] / brdf.value[stated]
-        scatter = float(np.sqrt(np.mean(relative**2)) / np.log(10.0))
-    return float(np.fmax(white_noise_dex, scatter))
+    stated = (brdf.value > brdf_floor) & np.isfinite(brdf.u_value)
+    if not stated.any():
+        known = np.isfinite(white_noise_dex)
+        return Repeatability(white_noise_dex, INFERRED if known else "not known")
+    relative = brdf.u_value[stated] / brdf.value[stated]
+    weight = weight_beside_floor(brdf.value[stated], brdf_floor, _BRIGHT_NOISE)
+    scatter = float(np.sqrt(np.average(relative**2, weights=weight)) / np.log(10.0))
+    if scatter < white_noise_dex:
+        return Repeatability(white_noise_dex, f"{INFERRED}, more than is {STATED}")
+    return Repeatability(scatter, STATED)
+
+
+def held_out_rms(holdouts: Sequence[Holdout]) -> dict[str, float]:
+    """Rms [dex] over the predictions of each kind."""
+    squares: dict[str, list[float]] = {}
+    for one in holdouts:
+        if np.isfinite(one.rms_dex):
+            squares.setdefault(one.kind, []).append(one.rms_dex**2)
+    return {kind: float(np.sqrt(np.mean(found))) for kind, found in squares.items()}
 
 
 def judge_applicability(
-    *, best_rms_dex: float, repeatability: float, bound_share: Sequence[float],
-    names: Sequence[str], holdouts: Sequence[Holdout], extended: bool = False,
+    *, best_rms_dex: float, repeatability: Repeatability, bound_share: Sequence[float],
+    names: Sequence[str], held_out: Mapping[str, float], untested: str = "",
+    extended: bool = False,
 ) -> Applicability:  # fmt: skip
     """Apply the three criteria.
 
@@ -80,13 +133,15 @@ def judge_applicability(
     ----------
     best_rms_dex : float
         Rms at the least-squares optimum [dex].
-    repeatability : float
-        See `repeatability_dex` [dex].
+    repeatability : Repeatability
+        See `find_repeatability`.
     bound_share : sequence of float
         Posterior probability at the bound of the parameters ``names``.
     names : sequence of str
-    holdouts : sequence of Holdout
-        All predictions of readings left out.
+    held_out : mapping of str to float
+        Rms of readings left out, by the kind of what was left out, "angle" or "polarization" [dex].
+    untested : str
+        Why no angle was left out, where none was.
     extended : bool
         Effects were tried or are part of the model: the advice is not to try them again.
 
@@ -103,24 +158,31 @@ def judge_applicability(
         if name in PHYSICAL and share > BOUND_SHARE_WARN
     ]
     for kind, words in (("angle", "angles"), ("polarization", "the other polarisation")):
-        squares = [h.rms_dex**2 for h in holdouts if h.kind == kind and np.isfinite(h.rms_dex)]
-        rms = float(np.sqrt(np.mean(squares))) if squares else 0.0
-        if rms > beside_noise(HELD_OUT_FAIL_DEX, repeatability):
+        rms = held_out.get(kind, 0.0)
+        if rms > beside_noise(HELD_OUT_FAIL_DEX, repeatability.dex):
             wrong.append(f"{words} left out are predicted to {rms:.2f} dex only")
-    limit = misfit_limit_dex(repeatability)
+    tested = (
+        f"angles left out are predicted to {held_out['angle']:.3f} dex"
+        if ("angle" in held_out)
+        else f"held-out angles were not tested{untested}"
+    )
+    limit = misfit_limit_dex(repeatability.dex)
     loose = []
     if best_rms_dex > limit:
         loose.append(
-            f"the rms is {best_rms_dex:.3f} dex where readings repeat to {repeatability:.3f} dex"
+            f"the rms is {best_rms_dex:.3f} dex where readings repeat to {repeatability.dex:.3f} "
+            f"dex ({repeatability.words})"
         )
+    basis = (limit, repeatability.dex, repeatability.words, tested)
     verdict = DOES_NOT_APPLY if wrong else DESCRIPTIVE if loose else APPLIES
     reasons = (*wrong, *loose)
     if not reasons:
-        words = "Nothing speaks against the model for this material."
-        return Applicability(verdict, (), words, "", limit)
+        words = "Nothing speaks against the model for this material"
+        words += "." if "angle" in held_out else f"; {tested}."
+        return Applicability(verdict, (), words, "", *basis)
     lead = "The model does not apply" if wrong else "The model is descriptive only"
     words = f"{lead}: {'; '.join(reasons)}. {_NOT_CONSTANTS}"
-    return Applicability(verdict, reasons, words, _LOOK if extended else _TRY_EFFECTS, limit)
+    return Applicability(verdict, reasons, words, _LOOK if extended else _TRY_EFFECTS, *basis)
 
 
 def applicability_diagnostic(found: Applicability, best_rms_dex: float) -> Diagnostic:

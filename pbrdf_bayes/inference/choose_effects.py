@@ -1,14 +1,17 @@
 """Which effects the data call for: by what is predicted of readings left out, never by the fit.
 
 Candidates grow by one effect at a time, from the four-parameter model; where the Cauchy line shape
-gains, the Gaussian and the Voigt shape stand beside it. Each is fitted with every
-angle of incidence left out, and each polarisation where both were measured; its score is the mean
-of ln(rms of the readings left out) over these cases. Of the candidates that the best one does not
-beat the smallest is taken. To beat is to gain more than `LEAST_GAIN`, and more than the standard
-error of the paired difference times Student's t for a chance of 5 %. The rule of one standard error
-of Breiman, Friedman, Olshen, Stone, Classification and Regression Trees (1984), section 3.4.3, is
-not enough here: with five cases and the best of six candidates it added an effect to two of three
-simulated paints that had none.
+gains, the Gaussian and the Voigt shape stand beside it. Each is fitted with every angle of
+incidence left out, and each polarisation where both were measured; its score is the mean of ln(rms
+of the readings left out) over these cases. All readings count alike in the score, and so they do in
+these fits: stated uncertainties of the BRDF have no say. Each step has to gain more than
+`LEAST_GAIN`, and more than the standard error of the paired difference times Student's t for a
+chance of 5 %: for a step the rule of one standard error of Breiman, Friedman, Olshen, Stone,
+Classification and Regression Trees (1984), section 3.4.3, is not enough; with five cases and the
+best of six candidates it added an effect to two of three simulated paints that had none. Where the
+steps have come to, that rule has its place: the smallest candidate is taken that is within one
+standard error of the last step. Lambertian and bulk scatter are alternatives: what was grown with
+one is tried with the other, too.
 """
 
 from __future__ import annotations
@@ -25,7 +28,15 @@ from threadpoolctl import threadpool_limits
 
 from pbrdf_bayes.config import AUTO, RunConfig
 from pbrdf_bayes.errors import DataError
-from pbrdf_bayes.inference.effect_candidates import caution, grown, in_words, of_other_shapes
+from pbrdf_bayes.inference.effect_candidates import (
+    alternatives,
+    caution,
+    grown,
+    in_words,
+    nothing_left_out,
+    of_other_shapes,
+)
+from pbrdf_bayes.inference.effects_choice import EffectsChoice, Scored
 from pbrdf_bayes.inference.holdout import draft_of
 from pbrdf_bayes.inference.holdout_cases import Case, list_cases
 from pbrdf_bayes.inference.map_fit import climb, coordinate_bounds, find_map
@@ -45,57 +56,6 @@ _ADDED_AT = 0.2
 """Quantile of its prior at which the parameter of an added effect starts."""
 _AT_BOUND = 1e-3
 _CHANCE = 0.05
-
-
-@dataclass(frozen=True)
-class Scored:
-    """A candidate and how it predicts.
-
-    Attributes
-    ----------
-    name : str
-        Effects and line shape in words.
-    effects : tuple of str
-    line_shape : str
-    n_free : int
-        Parameters of the model that are not fixed.
-    rms_dex, held_out_dex : float
-        Of the readings fitted, and of those left out, root mean square over the cases.
-    score, difference, u_difference : float
-        Mean ln rms of what was left out; that of the best candidate subtracted, with the standard
-        error of the paired difference.
-    at_bound : tuple of str
-        Parameters on a bound that is not their null value.
-    microseconds : float
-        Of one likelihood evaluation.
-    chosen : bool
-    """
-
-    name: str
-    effects: tuple[str, ...]
-    line_shape: str
-    n_free: int
-    rms_dex: float
-    held_out_dex: float
-    score: float
-    difference: float
-    u_difference: float
-    at_bound: tuple[str, ...]
-    microseconds: float
-    chosen: bool
-
-
-@dataclass(frozen=True)
-class EffectsChoice:
-    """All candidates, the smallest first, and which one was taken.
-
-    ``caution`` is what is to be said where too few cases could be left out.
-    """
-
-    candidates: tuple[Scored, ...]
-    cases: tuple[str, ...]
-    statement: str
-    caution: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,19 +96,31 @@ def choose_effects(
     """
     if config.effects != AUTO:
         return config, None
+    measurement = _counted_alike(measurement)
     cases = list_cases(measurement)
     base = as_chosen(measurement, config, effects=(), line_shape=config.line_shape)
     if not cases:
-        words = "There is one angle of incidence only: nothing could be left out, nothing is added."
+        words = f"{nothing_left_out(measurement)}: nothing could be left out, nothing is added."
         return base, EffectsChoice((), (), words, caution(0))
-    tried = _grow(measurement, base, cases, seed, told)
+    tried, accepted = _grow(measurement, base, cases, seed, told)
     best = min(tried, key=lambda t: t.score)
-    chosen = _smallest_as_good(tried, best)
+    chosen = _smallest_as_good(tried, accepted)
     scored = [_score(t, best, chosen=t is chosen) for t in tried]
     scored.sort(key=lambda s: (s.n_free, s.score))
     names = tuple(case.name for case in cases)
     words = _statement(chosen, tried[0], config)
-    return chosen.config, EffectsChoice(tuple(scored), names, words, caution(len(names)))
+    held_out = {
+        kind: float(np.sqrt(np.mean(np.exp(2.0 * chosen.log_rms[[c.kind == kind for c in cases]]))))
+        for kind in dict.fromkeys(case.kind for case in cases)
+    }
+    return chosen.config, EffectsChoice(tuple(scored), names, words, caution(len(names)), held_out)
+
+
+def _counted_alike(measurement: Measurement) -> Measurement:
+    """Readings without the stated uncertainties of the BRDF: least squares of what is scored."""
+    brdf = measurement.brdf
+    unknown, single = np.full(len(brdf), np.nan), np.zeros(len(brdf), dtype=np.bool_)
+    return replace(measurement, brdf=replace(brdf, u_value=unknown, repeated=single))
 
 
 def compare_configs(
@@ -240,8 +212,8 @@ def _with_typical_n(measurement: Measurement, config: RunConfig) -> RunConfig:
 def _grow(
     measurement: Measurement, base: RunConfig, cases: Sequence[Case], seed: int,
     told: Callable[[str], None],
-) -> list[_Tried]:  # fmt: skip
-    """The base and what grows from the best of each size, until nothing is gained."""
+) -> tuple[list[_Tried], _Tried]:  # fmt: skip
+    """The base and what grows from the best of each size, until nothing is gained; the last one."""
     whole = _quick_posterior(measurement, base)
     tried = [_try(base, whole, _optimum(whole, seed), cases)]
     best = tried[0]
@@ -262,10 +234,14 @@ def _grow(
         for one in [t for t in larger if t.config.line_shape != best.config.line_shape]:
             if _is_better(one, best):
                 larger += attempt(of_other_shapes(one.config))
+        next_best = min(larger, key=lambda t: t.score, default=best)
+        larger += attempt(
+            c for c in alternatives(next_best.config) if c not in [t.config for t in larger]
+        )
         tried += larger
         next_best = min(larger, key=lambda t: t.score, default=best)
         if not _is_better(next_best, best):
-            return tried
+            return tried, best
         best = next_best
 
 
@@ -364,10 +340,15 @@ def _is_better(one: _Tried, other: _Tried) -> bool:
     return -difference > max(quantile * u, LEAST_GAIN)
 
 
-def _smallest_as_good(tried: Sequence[_Tried], best: _Tried) -> _Tried:
-    """Fewest parameters among those that the best one does not beat; the better of equals."""
-    as_good = [t for t in tried if t is best or not _is_better(best, t)]
-    return min(as_good, key=lambda t: (t.n_free, t.score))
+def _smallest_as_good(tried: Sequence[_Tried], accepted: _Tried) -> _Tried:
+    """The smallest within one standard error of the one accepted last; the better of equals."""
+
+    def as_good(one: _Tried) -> bool:
+        difference, u = _paired(one, accepted)
+        return difference <= max(u if np.isfinite(u) else 0.0, LEAST_GAIN)
+
+    smaller = [t for t in tried if t.n_free < accepted.n_free and as_good(t)]
+    return min([accepted, *smaller], key=lambda t: (t.n_free, t.score))
 
 
 def _score(tried: _Tried, best: _Tried, *, chosen: bool) -> Scored:

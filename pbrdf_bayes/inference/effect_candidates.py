@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from pbrdf_bayes.config import SAMPLE_EFFECTS, RunConfig
+from pbrdf_bayes.measurement import Measurement
 
 _FEW_CASES = 2
 _OTHER_SHAPES = ("gaussian", "voigt")
@@ -19,6 +20,13 @@ def grown(config: RunConfig) -> Iterator[RunConfig]:
             yield replace(config, effects=effects)
     if config.line_shape == "lorentzian":
         yield replace(config, line_shape="cauchy")
+
+
+def alternatives(config: RunConfig) -> Iterator[RunConfig]:
+    """The same with Lambertian in place of bulk scatter, or bulk in place of Lambertian."""
+    swapped = {"lambert": "bulk", "bulk": "lambert"}
+    if set(swapped) & set(config.effects):
+        yield replace(config, effects=tuple(swapped.get(name, name) for name in config.effects))
 
 
 def of_other_shapes(config: RunConfig) -> Iterator[RunConfig]:
@@ -36,6 +44,13 @@ def of_other_shapes(config: RunConfig) -> Iterator[RunConfig]:
 def in_words(config: RunConfig) -> str:
     """What is added to the four parameters."""
     return " + ".join(config.additions) or "four parameters"
+
+
+def nothing_left_out(measurement: Measurement) -> str:
+    """Why there is no case."""
+    if not measurement.scans:
+        return "Without BRDF scans there is no curve to predict"
+    return "BRDF scans are at one angle of incidence and of one polarisation only"
 
 
 def caution(n_cases: int) -> str:

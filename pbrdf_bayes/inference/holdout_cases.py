@@ -87,6 +87,13 @@ def list_cases(measurement: Measurement) -> tuple[Case, ...]:
     return tuple(cases)
 
 
+def why_no_angle_left_out(measurement: Measurement, wanted: str) -> str:
+    """Reason, to follow "not tested", of a run with this ``holdout``; empty where there is none."""
+    if not any(case.kind == "angle" for case in list_cases(measurement)):
+        return ": that takes BRDF scans at two angles of incidence or more"
+    return "" if wanted == "all" else " at this accuracy (holdout = 'all' tests them)"
+
+
 def run_cases(
     posterior: Posterior, best: Array, cases: Sequence[Case], *, seed: int
 ) -> tuple[Holdout, ...]:

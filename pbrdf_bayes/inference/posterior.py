@@ -33,7 +33,8 @@ from pbrdf_bayes.model import digits_of
 from pbrdf_bayes.physics.brdf import evaluate
 from pbrdf_bayes.physics.geometry import Geometry, prepare_geometry
 from pbrdf_bayes.physics.given import NOTHING_GIVEN, Given
-from pbrdf_bayes.physics.scattering import conserves_energy, evaluate_scene, evaluate_with_effects
+from pbrdf_bayes.physics.hemispherical import conserves_energy
+from pbrdf_bayes.physics.scattering import evaluate_scene, evaluate_with_effects
 from pbrdf_bayes.physics.scene import Scene
 
 Array = NDArray[np.float64]
@@ -123,7 +124,7 @@ class Posterior:
         found = self._priors.log_density(x)
         if self.scene is not None:
             inside = np.isfinite(found)
-            allowed = conserves_energy(self.geometry, self.scene, x[inside])
+            allowed = conserves_energy(self.scene, x[inside])
             found[inside] = np.where(allowed, found[inside], -np.inf)
         return found
 

@@ -1,4 +1,7 @@
-"""Priors that contradict each other are refused before anything is computed or written."""
+"""Choices that cannot lead to a fit are refused before anything is computed or written.
+
+Priors that contradict each other, and effects of the instrument that no reading could tell.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,12 @@ from pbrdf_bayes.inference.posterior import Posterior
 
 Array = NDArray[np.float64]
 
+_NEEDED = {"both": "s and p scans", "dhr": "DHR readings", "scans": "BRDF scans"}
+_TOLD_BY = {
+    "scale_p": "both", "leakage": "both", "dhr_offset": "dhr", "offset_theta_i": "scans",
+    "offset_theta_r": "scans", "aperture": "scans",
+}  # fmt: skip
+"""Readings without which an effect of the instrument is what its prior says."""
 _SIZES = (256, 16_384)
 """Samples of the prior that are looked at: more only where the first are all impossible."""
 
@@ -69,6 +78,38 @@ def refuse_impossible_priors(posterior: Posterior) -> None:
             "each would reflect more than it receives. Lower one of them, or leave it free"
         )
         raise ConfigError(msg)
+
+
+def refuse_untold_instrument(posterior: Posterior) -> None:
+    """Refuse free effects of the instrument that these readings say nothing about.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Of all readings.
+
+    Raises
+    ------
+    ConfigError
+        Naming the effect and the readings that are missing.
+    """
+    measurement = posterior.measurement
+    present = {scan.polarization for scan in measurement.scans}
+    missing = {
+        "both": " and ".join(f"{q} scans" for q in "sp" if q not in present),
+        "dhr": "" if len(measurement.dhr) else "DHR readings",
+        "scans": "" if measurement.scans else "BRDF scans",
+    }
+    free = {posterior.specs[i].name for i in posterior.free}
+    for name, needs in _TOLD_BY.items():
+        field = name if name in free else f"{name}_deg"
+        if field in free and missing[needs]:
+            also = " beside each other" if needs == "both" else ""
+            msg = (
+                f"effects: {name!r} needs {_NEEDED[needs]}{also}, and there are no "
+                f"{missing[needs]}: nothing could tell it. Leave {name!r} out"
+            )
+            raise ConfigError(msg)
 
 
 def _words(posterior: Posterior, names: tuple[str, ...]) -> str:

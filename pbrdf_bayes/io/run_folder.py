@@ -247,12 +247,12 @@ def amend_run(folder: Path, summary: Mapping[str, Any], *, report: str) -> None:
     write_text(folder / SUMMARY, json.dumps(plain, indent=1, ensure_ascii=False) + "\n")
 
 
-def load_analysis(folder: Path) -> Analysis:
+def load_analysis(folder: Path | str) -> Analysis:
     """Read a finished run back.
 
     Parameters
     ----------
-    folder : Path
+    folder : Path or str
         The run folder.
 
     Returns
@@ -264,6 +264,7 @@ def load_analysis(folder: Path) -> Analysis:
     RunFolderError
         Not a finished run, or a file of it is missing or damaged.
     """
+    folder = Path(folder)
     summary = load_summary(folder)
     try:
         with xr.open_datatree(folder / POSTERIOR, engine="h5netcdf") as tree:

@@ -16,12 +16,16 @@ Array = NDArray[np.float64]
 COLUMNS = (
     "quantity", "polarization", "theta_i_deg", "theta_r_deg", "phi_r_deg", "value", "q05", "q95",
 )  # fmt: skip
+_ANGLE = (
+    "modulo 180, 0 along s, positive counterclockwise for who looks into the beam; quantiles are "
+    "those of the deviations from the mean axis of the draws, medians in (-90, 90]"
+)
 _COMPONENTS = ("S0", "S1", "S2")
 _OVER_GRID = ("theta_i_deg", "theta_r_deg", "phi_r_deg", "quantile")
 
 
 def scene_csv(values: SceneValues) -> str:
-    """Tidy rows, one number each: brdf [sr^-1], dhr [1], S0, S1, S2 [sr^-1], dolp [1].
+    """Tidy rows, one number each: brdf, S0, S1, S2 [sr^-1], dhr, dolp [1], aolp_deg [deg].
 
     Parameters
     ----------
@@ -32,7 +36,8 @@ def scene_csv(values: SceneValues) -> str:
     str
         ``polarization`` is that of the illumination; ``value`` is the median of a run, ``q05`` and
         ``q95`` are empty for given parameters. A DHR has no scattering direction. Where there is no
-        light the degree of polarisation is empty.
+        light the degree of polarisation is empty, where it is 0 the angle. ``q05`` and ``q95`` of
+        the angle are on their own sides of ``value``, and may lie outside (-90, 90].
     """
     return "\n".join([",".join(COLUMNS), *_lines(values)]) + "\n"
 
@@ -49,6 +54,8 @@ def _lines(values: SceneValues) -> Iterator[str]:
         over_grid += [(name, scene.stokes_incident, part) for name, part in stokes]
     if values.dolp is not None:
         over_grid.append(("dolp", scene.stokes_incident, values.dolp))
+    if values.aolp_deg is not None:
+        over_grid.append(("aolp_deg", scene.stokes_incident, values.aolp_deg))
     directions = [
         f"{i:.10g},{r:.10g},{phi:.10g}"
         for i in scene.theta_i_deg for r in scene.theta_r_deg for phi in scene.phi_r_deg
@@ -81,8 +88,8 @@ def scene_dataset(values: SceneValues) -> xr.Dataset:
     xarray.Dataset
         Variables ``brdf (polarization, theta_i_deg, theta_r_deg, phi_r_deg, quantile)``,
         ``dhr (polarization, dhr_theta_i_deg, quantile)``, ``stokes (component, theta_i_deg,
-        theta_r_deg, phi_r_deg, quantile)`` and ``dolp (theta_i_deg, theta_r_deg, phi_r_deg,
-        quantile)``, those that were asked for.
+        theta_r_deg, phi_r_deg, quantile)``, ``dolp (theta_i_deg, theta_r_deg, phi_r_deg,
+        quantile)`` and ``aolp_deg`` on the same axes, those that were asked for.
     """
     scene = values.scene
     found: dict[str, Any] = {}
@@ -97,6 +104,11 @@ def scene_dataset(values: SceneValues) -> xr.Dataset:
         found["stokes"] = _variable(("component", *_OVER_GRID), values.stokes, name, "sr-1")
     if values.dolp is not None:
         found["dolp"] = _variable(_OVER_GRID, values.dolp, "degree of linear polarisation", "1")
+    if values.aolp_deg is not None:
+        axes, array, said = _variable(
+            _OVER_GRID, values.aolp_deg, "angle of linear polarisation", "degree"
+        )
+        found["aolp_deg"] = axes, array, {**said, "comment": _ANGLE}
     angles = {
         key: (key, np.array(getattr(scene, key)), {"units": "degree"})
         for key in ("theta_i_deg", "theta_r_deg", "phi_r_deg", "dhr_theta_i_deg")

@@ -9,7 +9,8 @@ terms are those of `pbrdf_bayes.physics.effects`; l is the leakage of the polari
 asked for is not computed, and without anything asked for this module is not called at all.
 
 Instrument: the angles of the goniometer may be off by an offset each, a detector of finite aperture
-sees the mean over a range of theta_r, and p scans may have a scale of their own.
+sees the mean over a range of theta_r, and p scans may have a scale of their own. An offset moves a
+direction to the horizon at most; what an aperture reaches beyond the horizon counts as nothing.
 """
 
 from __future__ import annotations
@@ -20,16 +21,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.physics.aperture import MOST_SEEN, aperture_nodes
 from pbrdf_bayes.physics.brdf import Buffers, buffers, log_brdf
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.directions import fill_directions
-from pbrdf_bayes.physics.effects.backscatter import backscatter_brdf, backscatter_dhr
-from pbrdf_bayes.physics.effects.bulk import bulk_brdf, bulk_dhr, escape
+from pbrdf_bayes.physics.effects.backscatter import backscatter_brdf
+from pbrdf_bayes.physics.effects.bulk import bulk_brdf, escape
 from pbrdf_bayes.physics.effects.lambert import lambert_brdf
-from pbrdf_bayes.physics.effects.volume import volume_brdf, volume_dhr
+from pbrdf_bayes.physics.effects.volume import volume_brdf
 from pbrdf_bayes.physics.elementary import exp, log
 from pbrdf_bayes.physics.fresnel import Surface, reflectances, surface
 from pbrdf_bayes.physics.geometry import Geometry
+from pbrdf_bayes.physics.hemispherical import LARGEST_THETA_I_DEG, sample_dhr
 from pbrdf_bayes.physics.line_shapes import LORENTZIAN, VOIGT
 from pbrdf_bayes.physics.normalisation import VALUES, Workspace, incidence, workspace
 from pbrdf_bayes.physics.scene import EffectValues, Scene, effects_of
@@ -45,10 +48,7 @@ Array = NDArray[np.float64]
 
 _DEGREE = pi / 180.0
 _TINIEST = 1e-280
-_LARGEST_THETA_I = 89.95 * _DEGREE
-_BLUR, _BLUR_WEIGHT = np.polynomial.legendre.leggauss(7)
-_PANEL = 0.4
-"""Half of the range of theta_r of seven nodes, over rho0: no lobe is much narrower."""
+_LARGEST_THETA_I = LARGEST_THETA_I_DEG * _DEGREE
 
 
 class _Where(NamedTuple):
@@ -73,6 +73,11 @@ class _Work(NamedTuple):
     """(2, n_directions): BRDF of s and p beside the surface."""
     quadrature: Workspace
     strict: Buffers
+    seen: _Where
+    """Directions within the aperture, ``weight`` of each, and their BRDF."""
+    weight: Array
+    seen_f: Array
+    seen_diffuse: Array
 
 
 @compiled()
@@ -84,6 +89,8 @@ def _make_work(geometry: Geometry) -> _Work:
     return _Work(
         shaped_workspace(), as_read, moved, np.empty((2, n)), np.empty((n_incidence, 2)),
         np.empty((2, n)), workspace(), buffers(n, n_incidence, VALUES),
+        _Where(np.empty((8, MOST_SEEN)), np.empty((3, MOST_SEEN)), np.empty((3, MOST_SEEN))),
+        np.empty(MOST_SEEN), np.empty((2, MOST_SEEN)), np.empty((2, MOST_SEEN)),
     )  # fmt: skip
 
 
@@ -128,21 +135,6 @@ def evaluate_with_effects(
     return np.exp(log_f[:, geometry.row_polarization, geometry.row_direction]), dhr
 
 
-@compiled(nogil=True)
-def conserves_energy(geometry: Geometry, scene: Scene, parameters: Array) -> NDArray[np.bool_]:
-    """Which parameter sets reflect no more than they receive, shape (n_sets,).
-
-    At the angles of incidence of the readings, and with (nearly) grazing light, for s and for p.
-    """
-    result = np.empty(parameters.shape[0], dtype=np.bool_)
-    sample = np.empty((2, geometry.dhr_sine.size))
-    for i in range(parameters.shape[0]):
-        x = parameters[i]
-        surf = surface(x[0], x[1], x[2], x[3])
-        result[i] = _largest_dhr(geometry, effects_of(scene, x), surf, sample) <= 1.0
-    return result
-
-
 @compiled()
 def _fill_brdf(
     geometry: Geometry, scene: Scene, effects: EffectValues, surf: Surface, digits: float,
@@ -174,19 +166,50 @@ def _fill_shaped(
     moved: bool, digits: float, work: _Work,
 ) -> None:  # fmt: skip
     """BRDF with general lobes, as the detector sees it from where the goniometer is."""
-    work.f[:] = 0.0
+    if moved:
+        _move(geometry.angles, effects, where)
+    _fill_scales(geometry, surf, shaped, where, digits, work)
+    for j in range(geometry.start.size - 1):
+        a, b, in_plane = geometry.start[j], geometry.start[j + 1], geometry.in_plane[j]
+        if effects.aperture_deg > 0.0:
+            for i in range(a, b):
+                _see(i, j, in_plane, effects, surf, shaped, where, digits, work)
+        else:
+            f_s, f_p, more = work.f[0][a:b], work.f[1][a:b], _rows(work.diffuse, a, b)
+            _fill_group(a, j, in_plane, effects, surf, shaped, where, work.scale, more, f_s, f_p)
+
+
+@compiled(inline=True)
+def _rows(both: Array, a: int, b: int) -> tuple[Array, Array]:
+    """Elements a to b of the rows of s and p."""
+    return both[0][a:b], both[1][a:b]
+
+
+@compiled()
+def _see(
+    i: int, j: int, in_plane: bool, effects: EffectValues, surf: Surface, shaped: Lobe,
+    where: _Where, digits: float, work: _Work,
+) -> None:  # fmt: skip
+    """Mean of the BRDF over the aperture around direction i, of the incidence j."""
+    seen, angles = work.seen, where.angles
+    theta_i, theta_r, phi_r = angles[0, i], angles[1, i], angles[2, i]
     half = effects.aperture_deg * _DEGREE
-    n_panels = max(1, int(np.ceil(half / (_PANEL * surf.rho0))))
-    for i in range(n_panels * _BLUR.size if half > 0.0 else 1):
-        panel, node = divmod(i, _BLUR.size)
-        blur = half * ((2.0 * panel + 1.0 + _BLUR[node]) / n_panels - 1.0)
-        weight = 0.5 * _BLUR_WEIGHT[node] / n_panels if half > 0.0 else 1.0
-        if moved:
-            _move(geometry.angles, effects, blur if half > 0.0 else 0.0, where)
-        if i == 0:
-            _fill_scales(geometry, surf, shaped, where, digits, work)
-        for j in range(geometry.start.size - 1):
-            _add_group(geometry, j, effects, surf, shaped, where, weight, work)
+    n = aperture_nodes(
+        theta_i, theta_r, phi_r, half, effects, surf, shaped, digits, seen.angles[1], work.weight
+    )
+    seen.angles[0][:n] = theta_i
+    seen.angles[2][:n] = phi_r
+    fill_directions(
+        seen.angles[0][:n], seen.angles[1][:n], seen.angles[2][:n], seen.directions[:, :n]
+    )
+    _fill_polar(seen.angles[:, :n], seen.polar[:, :n])
+    f_s, f_p, more = work.seen_f[0][:n], work.seen_f[1][:n], _rows(work.seen_diffuse, 0, n)
+    _fill_group(0, j, in_plane, effects, surf, shaped, seen, work.scale, more, f_s, f_p)
+    total_s = total_p = 0.0
+    for node in range(n):
+        total_s += work.weight[node] * f_s[node]
+        total_p += work.weight[node] * f_p[node]
+    work.f[0, i], work.f[1, i] = total_s, total_p
 
 
 @compiled()
@@ -209,9 +232,10 @@ def _add_diffuse(geometry: Geometry, effects: EffectValues, surf: Surface, work:
     for j in range(geometry.start.size - 1):
         a, b = geometry.start[j], geometry.start[j + 1]
         sine, cosine = geometry.incidences[j, 0], geometry.incidences[j, 1]
-        _fill_diffuse(sine, cosine, work.as_read.polar, a, b, effects, surf, work)
+        diffuse = _rows(work.diffuse, a, b)
+        _fill_diffuse(sine, cosine, work.as_read.polar, a, b, effects, surf, diffuse)
         for q in range(2):
-            log_f, more, f = work.strict.log_f[q][a:b], work.diffuse[q][a:b], work.f[q][a:b]
+            log_f, more, f = work.strict.log_f[q][a:b], diffuse[q], work.f[q][a:b]
             for i in range(f.size):
                 f[i] = exp(log_f[i]) + more[i]
 
@@ -219,10 +243,10 @@ def _add_diffuse(geometry: Geometry, effects: EffectValues, surf: Surface, work:
 @compiled()
 def _fill_diffuse(
     sine_i: float, cosine_i: float, polar: Array, a: int, b: int, effects: EffectValues,
-    surf: Surface, work: _Work,
+    surf: Surface, out: tuple[Array, Array],
 ) -> None:  # fmt: skip
     """BRDF [sr^-1] beside the surface of the directions a to b, for s and p illumination."""
-    f_s, f_p = work.diffuse[0][a:b], work.diffuse[1][a:b]
+    f_s, f_p = out
     sine, cosine, cos_g = polar[0][a:b], polar[1][a:b], polar[2][a:b]
     same = lambert_brdf(effects.lambert)
     for i in range(f_s.size):
@@ -256,12 +280,12 @@ def _fill_polar(angles: Array, out: Array) -> None:
 
 
 @compiled()
-def _move(angles: Array, effects: EffectValues, blur: float, out: _Where) -> None:
+def _move(angles: Array, effects: EffectValues, out: _Where) -> None:
     """Directions as they were, from angles as they were read."""
     theta_i, theta_r, phi_r = out.angles[0], out.angles[1], out.angles[2]
     for i in range(theta_i.size):
         incident = angles[0, i] + effects.offset_theta_i_deg * _DEGREE
-        scattered = angles[1, i] + effects.offset_theta_r_deg * _DEGREE + blur
+        scattered = angles[1, i] + effects.offset_theta_r_deg * _DEGREE
         mirrored = incident < 0.0  # the same plane seen from its other side
         theta_i[i] = min(abs(incident), _LARGEST_THETA_I)
         theta_r[i] = min(max(-scattered if mirrored else scattered, -0.5 * pi), 0.5 * pi)
@@ -271,24 +295,25 @@ def _move(angles: Array, effects: EffectValues, blur: float, out: _Where) -> Non
 
 
 @compiled()
-def _add_group(
-    geometry: Geometry, j: int, effects: EffectValues, surf: Surface, shaped: Lobe, where: _Where,
-    weight: float, work: _Work,
+def _fill_group(
+    a: int, j: int, in_plane: bool, effects: EffectValues, surf: Surface, shaped: Lobe,
+    where: _Where, scale: Array, diffuse: tuple[Array, Array], f_s: Array, f_p: Array,
 ) -> None:  # fmt: skip
-    """Add weight times the BRDF of the directions of one angle of incidence."""
-    a, b = geometry.start[j], geometry.start[j + 1]
-    scale_s, scale_p = work.scale[j, 0], work.scale[j, 1]
+    """BRDF of s and p of the directions from a on, all of the incidence j."""
+    more_s, more_p = diffuse
+    b = a + f_s.size
+    scale_s, scale_p = scale[j, 0], scale[j, 1]
     theta_i, g = where.angles[0, a], where.directions
-    _fill_diffuse(np.sin(theta_i), np.cos(theta_i), where.polar, a, b, effects, surf, work)
+    _fill_diffuse(np.sin(theta_i), np.cos(theta_i), where.polar, a, b, effects, surf, diffuse)
     peak_s, peak_p = shaped_log_lobes(0.0, 1.0, 0.0, 1.0, surf, shaped)
     for i in range(a, b):
         log_s, log_p = shaped_log_lobes(g[0, i], g[1, i], g[2, i], g[3, i], surf, shaped)
-        if geometry.in_plane[j]:
+        if in_plane:
             across_s, across_p = peak_s, peak_p
         else:
             across_s, across_p = shaped_log_lobes(g[4, i], g[5, i], g[6, i], g[7, i], surf, shaped)
-        work.f[0, i] += weight * (scale_s * np.exp(log_s + across_p) + work.diffuse[0, i])
-        work.f[1, i] += weight * (scale_p * np.exp(log_p + across_s) + work.diffuse[1, i])
+        f_s[i - a] = scale_s * np.exp(log_s + across_p) + more_s[i - a]
+        f_p[i - a] = scale_p * np.exp(log_p + across_s) + more_p[i - a]
 
 
 @compiled()
@@ -312,25 +337,6 @@ def _fill_logs(geometry: Geometry, effects: EffectValues, f: Array, out: Array) 
 
 
 @compiled()
-def _dhr(
-    theta_i: float, sine: float, cosine: float, effects: EffectValues, surf: Surface, escaped: float
-) -> tuple[float, float]:
-    """DHR of s and p [1] as the sample has it."""
-    s, p = reflectances(sine, cosine, surf)
-    s, p = surf.sigma_n0 * s, surf.sigma_n0 * p
-    same = effects.lambert
-    if effects.bulk > 0.0:
-        bulk_s, bulk_p = bulk_dhr(sine, cosine, effects.bulk, escaped, surf)
-        s += bulk_s
-        p += bulk_p
-    if effects.volume > 0.0:
-        same += volume_dhr(theta_i, effects.volume, effects.asymmetry)
-    if effects.backscatter > 0.0:
-        same += backscatter_dhr(theta_i, effects.backscatter, effects.backscatter_width)
-    return s + same, p + same
-
-
-@compiled()
 def _fill_sample_dhr(geometry: Geometry, effects: EffectValues, surf: Surface, out: Array) -> None:
     """DHR of s and p of the sample at the angles of the rows, into ``out`` (2, n_dhr)."""
     escaped = escape(surf) if effects.bulk > 0.0 else 0.0
@@ -340,7 +346,7 @@ def _fill_sample_dhr(geometry: Geometry, effects: EffectValues, surf: Surface, o
             out[0, i], out[1, i] = out[0, first], out[1, first]
         else:
             sine, cosine = geometry.dhr_sine[i], geometry.dhr_cosine[i]
-            out[0, i], out[1, i] = _dhr(
+            out[0, i], out[1, i] = sample_dhr(
                 geometry.dhr_theta_i[i], sine, cosine, effects, surf, escaped
             )
 
@@ -355,25 +361,3 @@ def _fill_dhr(
         q = geometry.dhr_polarization[i]
         share = 1.0 - effects.leakage if q == 0 else effects.leakage if q == 1 else 0.5
         out[i] = share * sample[0, i] + (1.0 - share) * sample[1, i] + effects.dhr_offset
-
-
-@compiled()
-def _largest_dhr(geometry: Geometry, effects: EffectValues, surf: Surface, sample: Array) -> float:
-    """Largest DHR of s and p over all angles of incidence of the readings, and at grazing.
-
-    Each term has an upper bound; where even their sum is below 1 that is enough.
-    """
-    in_t0 = effects.bulk / (surf.transmittance0 * surf.transmittance0)
-    most = surf.sigma_n0 + effects.lambert + in_t0 + 4.0 * effects.volume + effects.backscatter
-    if most <= 1.0 or most == surf.sigma_n0:
-        return min(most, 1.0)
-    escaped = escape(surf) if effects.bulk > 0.0 else 0.0
-    edge = incidence(_LARGEST_THETA_I)
-    largest = max(*_dhr(edge.theta, edge.sine, edge.cosine, effects, surf, escaped))
-    for i in range(geometry.incidences.shape[0]):
-        row = geometry.incidences[i]
-        largest = max(largest, *_dhr(row[2], row[0], row[1], effects, surf, escaped))
-    _fill_sample_dhr(geometry, effects, surf, sample)
-    for i in range(sample.shape[1]):
-        largest = max(largest, sample[0, i], sample[1, i])
-    return largest

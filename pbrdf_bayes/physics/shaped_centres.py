@@ -3,9 +3,11 @@
 Centres. The places near which an integrand varies fast, each with a width: theta_i, where A has its
 peak, and t = +-pi/2, where C has that of B; with the geometric mean also the Brewster angle a = Re
 atan(m) at t = +-a for A and at t = +-(pi/2 - a) for C: sqrt(F_p) has branch points at the
-distance b = |Im atan(m)|, for k = 0 a kink. Halfway between neighbouring centres, and at the kink
-of |t| at t = 0, the interval is split; each part is stretched by t = centre + width sinh v around
-its own centre. No width is more than the distance of another centre and its width together.
+distance b = |Im atan(m)|, for k = 0 a kink, and the root of Fresnel's equations at sin t = m, at
+the distance |acos(m)| from t = +-pi/2 for A and from t = 0 for C, which is short near n = 1.
+Halfway between neighbouring centres, and at the kink of |t| at t = 0, the interval is split; each
+part is stretched by t = centre + width sinh v around its own centre. No width is more than the
+distance of another centre and its width together.
 
 Widths. Around theta_i and +-pi/2 they are `stretch` times the half widths of the peak: the
 poles of a Cauchy peak, at 1/sqrt(2^(1/nu) - 1) half widths, are then at v = +-i pi/2 for any nu,
@@ -22,6 +24,7 @@ min(1, 1.5/(1 + y)) for Voigt and 0.65 (1 - 1/nu) for Cauchy with nu > 1.
 
 from __future__ import annotations
 
+from cmath import acos
 from math import atan2, log1p, sqrt
 
 import numpy as np
@@ -74,6 +77,12 @@ def brewster(surf: Surface) -> tuple[float, float]:
     n, k = surf.n, surf.k
     below = n * n + (1.0 - k) * (1.0 - k)
     return 0.5 * atan2(2.0 * n, 1.0 - n * n - k * k), 0.25 * log1p(4.0 * k / max(below, 1e-300))
+
+
+@compiled()
+def grazing_branch(surf: Surface) -> float:
+    """Distance [rad] from grazing of the angle whose sine is m."""
+    return abs(acos(complex(surf.n, -surf.k)))
 
 
 @compiled()

@@ -36,6 +36,7 @@ from pbrdf_bayes.physics.shaped_centres import (
     branch_width,
     brewster,
     compare_widths,
+    grazing_branch,
     pole_distance,
     stretch,
 )
@@ -112,6 +113,7 @@ def _cut_pieces(surf: Surface, shaped: Lobe, digits: float, ws: ShapedWorkspace)
     if shaped.fresnel_at == GEOMETRIC_MEAN:
         angle, branch = brewster(surf)
         n = add_centre(angle, branch_width(branch, width, digits), n, ws.centres)
+        n = add_centre(0.5 * pi, grazing_branch(surf), n, ws.centres)
     compare_widths(n, ws.centres)
     at = 0
     for i in range(n):
@@ -259,6 +261,8 @@ def _find_centres(
     half_pi, scale = 0.5 * pi, stretch(shaped.shape)
     rim = min(surf.rho0 * scale, inc.grazing)
     peak = min(rim, scale * peak_width(inc, surf, shaped.narrowing))
+    if shaped.fresnel_at == GEOMETRIC_MEAN:
+        rim = min(rim, grazing_branch(surf))
     n = add_centre(-half_pi, rim, 0, ws.centres)
     n = add_centre(half_pi, rim, n, ws.centres)
     n = add_centre(inc.theta, peak, n, ws.centres)
@@ -269,6 +273,7 @@ def _find_centres(
         n = add_centre(angle, branch, n, ws.centres)
         n = add_centre(angle - half_pi, branch, n, ws.centres)
         n = add_centre(half_pi - angle, branch, n, ws.centres)
+        n = add_centre(0.0, grazing_branch(surf), n, ws.centres)
     compare_widths(n, ws.centres)
     ws.centres[2, 0] = ws.centres[2, n - 1] = rim  # one-sided
     return n

@@ -10,12 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil, floor, log10
 
-import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup
-from matplotlib.axes import Axes
-from matplotlib.patches import Circle, PathPatch
-from matplotlib.path import Path
 from numpy.typing import NDArray
 
 from pbrdf_bayes.report.figures_planes import span
@@ -32,21 +28,19 @@ from pbrdf_bayes.report.panel import (
     new_figure,
     theta_ticks,
 )
+from pbrdf_bayes.report.polar_map import ANGLE_TICKS, WIDTH, Scale, fill_angles, polar_map
 from pbrdf_bayes.report.svg import figure_style, inline_svg
 from pbrdf_bayes.scenes import SceneValues
 
 Array = NDArray[np.float64]
 
-WIDTH = 344.0
-RADIUS = 124.0
 MOST_DRAWN = 8
 """Angles of incidence that are drawn at most."""
-_BOTTOM, _TOP, _CURVE = 96.0, 40.0, 170.0
+_CURVE = 170.0
 _DECADES = 5.0
-_STEPS = 40
-_MAPS = {"BRDF": "viridis", "DoLP": "magma"}
-"""Colours whose lightness rises evenly; also told apart in grey and by the colour-blind."""
-_MISSING = "#eef0f2"
+_MAPS = {"BRDF": "viridis", "DoLP": "magma", "AoLP": "twilight"}
+"""Colours whose lightness rises evenly, for angles around and back; also told apart by the
+colour-blind, and but for angles in grey."""
 
 
 @dataclass(frozen=True)
@@ -56,17 +50,6 @@ class ScenePicture:
     name: str
     part: str
     svg: Markup
-
-
-@dataclass(frozen=True)
-class _Scale:
-    """Axis of the colours: limits, ticks with their words, and the map."""
-
-    low: float
-    high: float
-    ticks: list[float]
-    words: list[str]
-    colors: str
 
 
 def scene_pictures(values: SceneValues) -> list[ScenePicture]:
@@ -79,9 +62,9 @@ def scene_pictures(values: SceneValues) -> list[ScenePicture]:
     Returns
     -------
     list of ScenePicture
-        Maps of the BRDF, on one scale, and of the degree of linear polarisation, where the
-        directions span a hemisphere; curves of both in the plane of incidence and of the DHR where
-        there are two points or more.
+        Maps of the BRDF, on one scale, and of the degree and the angle of linear polarisation,
+        where the directions span a hemisphere; curves of BRDF and degree in the plane of
+        incidence and of the DHR where there are two points or more.
     """
     with figure_style():
         return [*_curves(values), *_maps(values), *_dhr(values)]
@@ -111,7 +94,7 @@ def _maps(values: SceneValues) -> list[ScenePicture]:
             for q, z in zip(scene.polarizations, logs[:, i], strict=True):
                 title = f"BRDF (sr⁻¹), {LOOKS[q].word}, θ_i = {degrees(theta_i)}"
                 label = f"Polar map of the {q} BRDF at {degrees(theta_i)}: {span(10**z)} per sr"
-                svg = _map(
+                svg = polar_map(
                     x, y, z[:, order], theta_i, scale, title, label, f"map-{q}-{theta_i:.10g}"
                 )
                 found.append(ScenePicture(f"scene_brdf_{q}_{theta_i:.10g}", "hemisphere", svg))
@@ -124,8 +107,35 @@ def _maps(values: SceneValues) -> list[ScenePicture]:
             label = (
                 f"Polar map of the degree of linear polarisation at {degrees(theta_i)}: {span(z)}"
             )
-            svg = _map(x, y, z[:, order], theta_i, scale, title, label, f"dolp-{theta_i:.10g}")
+            svg = polar_map(x, y, z[:, order], theta_i, scale, title, label, f"dolp-{theta_i:.10g}")
             found.append(ScenePicture(f"scene_dolp_{theta_i:.10g}", "polarisation", svg))
+    if values.aolp_deg is not None:
+        found += _angle_maps(values, x, y, order)
+    return found
+
+
+def _angle_maps(
+    values: SceneValues, x: Array, y: Array, order: NDArray[np.int64]
+) -> list[ScenePicture]:
+    """Angle of linear polarisation, where there is any; the mirror image has the other sign."""
+    assert values.aolp_deg is not None
+    found = []
+    folded = np.mod(values.scene.phi_r_deg, 360.0) > 180.0
+    side = np.where(np.arange(order.size) < (order.size + 1) // 2, 1.0, -1.0)
+    sign = np.where(folded[order], -side, side)
+    scale = Scale(-90.0, 90.0, *ANGLE_TICKS, _MAPS["AoLP"])
+    for i, theta_i in drawn_incidences(values):
+        z = sign * values.aolp_deg[i][:, order, values.at_median]
+        known = int(np.isfinite(z).sum())
+        title = f"Angle of linear polarisation, θ_i = {degrees(theta_i)}"
+        label = (
+            f"Polar map of the angle of linear polarisation at {degrees(theta_i)}, modulo 180°, "
+            f"0 along s: {known} of {z.size} directions have one"
+        )
+        svg = polar_map(
+            x, y, z, theta_i, scale, title, label, f"aolp-{theta_i:.10g}", fill=fill_angles
+        )
+        found.append(ScenePicture(f"scene_aolp_{theta_i:.10g}", "polarisation", svg))
     return found
 
 
@@ -147,10 +157,10 @@ def _closed(values: SceneValues) -> tuple[Array, Array, NDArray[np.int64]] | Non
     return np.outer(theta, np.cos(circle)), np.outer(theta, np.sin(circle)), order
 
 
-def _brdf_scale(logs: Array) -> _Scale:
+def _brdf_scale(logs: Array) -> Scale:
     low, high = limits(logs, pad=0.0, least=0.4)
     low = max(low, high - _DECADES)
-    return _Scale(low, high, *_ticks(low, high), _MAPS["BRDF"])
+    return Scale(low, high, *_ticks(low, high), _MAPS["BRDF"])
 
 
 def _ticks(low: float, high: float) -> tuple[list[float], list[str]]:
@@ -163,91 +173,10 @@ def _ticks(low: float, high: float) -> tuple[list[float], list[str]]:
     return [log10(f) + d for f, d in inside], [number(f * 10.0**d) for f, d in inside]
 
 
-def _share_scale(dolp: Array) -> _Scale:
+def _share_scale(dolp: Array) -> Scale:
     known = dolp[np.isfinite(dolp)]
     high = min(1.0, ceil(10.0 * max(float(known.max(initial=0.0)), 0.05) - 1e-9) / 10.0)
-    return _Scale(0.0, high, *linear_ticks(0.0, high), _MAPS["DoLP"])
-
-
-def _map(
-    x: Array, y: Array, z: Array, theta_i: float, scale: _Scale, title: str, label: str, name: str
-) -> Markup:
-    """Disc with rings at 30 and 60 deg, angles around it, scale of the colours below."""
-    height = _BOTTOM + 2 * RADIUS + _TOP
-    figure = new_figure(WIDTH, height)
-    left = 0.5 * WIDTH - RADIUS
-    axes = figure.add_axes(
-        (left / WIDTH, _BOTTOM / height, 2 * RADIUS / WIDTH, 2 * RADIUS / height),
-        xlim=(-91.0, 91.0), ylim=(-91.0, 91.0), frameon=False,
-    )  # fmt: skip
-    axes.set_axis_off()
-    axes.add_patch(Circle((0, 0), 90.0, fc=_MISSING, ec="none"))
-    _fill(axes, x, y, z, scale)
-    for ring in (30.0, 60.0):
-        axes.add_patch(Circle((0, 0), ring, fill=False, ec="white", lw=0.7, ls=(0, (2, 2))))
-    axes.add_patch(Circle((0, 0), 90.0, fill=False, ec=FAINT, lw=0.9))
-    _mark(axes, theta_i)
-    _write_around(Panel(figure, left, _BOTTOM, 2 * RADIUS, 2 * RADIUS, (-91, 91), (-91, 91)), title)
-    bar = Panel(figure, 30.0, 34.0, WIDTH - 60.0, 11.0, (scale.low, scale.high), (0.0, 1.0))
-    _color_bar(bar, scale)
-    return inline_svg(figure, name=name, label=label)
-
-
-def _fill(axes: Axes, x: Array, y: Array, z: Array, scale: _Scale) -> None:
-    """Colours in even steps; a fine line at every labelled value."""
-    if not np.isfinite(z).any():
-        return
-    inside = np.clip(z, scale.low, scale.high)
-    levels = np.linspace(scale.low, scale.high, _STEPS + 1)
-    levels[0], levels[-1] = levels[0] - 1e-9, levels[-1] + 1e-9
-    filled = axes.contourf(x, y, inside, levels=levels, cmap=scale.colors, antialiased=False)
-    filled.set_edgecolor("face")  # no white seams between the steps
-    filled.set_linewidth(0.4)
-    between = [t for t in scale.ticks if scale.low < t < scale.high]
-    if between and np.nanmin(z) < np.nanmax(z):
-        axes.contour(
-            x, y, z, levels=between, colors="white", linewidths=0.8, alpha=0.75, linestyles="solid"
-        )
-
-
-def _mark(axes: Axes, theta_i: float) -> None:
-    """Ring at the specular direction, cross at the one back to the source."""
-    for color, width in ((INK, 3.0), ("white", 1.4)):
-        axes.add_patch(Circle((theta_i, 0.0), 3.6, fill=False, ec=color, lw=width))
-        arms = np.array([(-4.0, 0.0), (4.0, 0.0), (0.0, -4.0), (0.0, 4.0)])
-        arms[:, 0] -= theta_i
-        cross = Path(arms, [Path.MOVETO, Path.LINETO] * 2)
-        axes.add_patch(PathPatch(cross, fill=False, ec=color, lw=width, capstyle="round"))
-
-
-def _write_around(disc: Panel, title: str) -> None:
-    size = disc.width
-    disc.words(0.5 * size, size + 24, title, color=INK, size=11.5)
-    disc.words(0.5 * size, size + 5, "90°")
-    disc.words(size + 4, 0.5 * size - 4, "φ_r = 0°", align="left")
-    disc.words(-4, 0.5 * size - 4, "180°", align="right")
-    edge = -5.0
-    for angle in (-90, -60, -30, 0, 30, 60, 90):
-        at = size * (angle + 91.0) / 182.0
-        disc.segments(
-            [(angle, -91 + edge, angle, -91 + edge - 3)], color=FAINT, width=0.9, clip=False
-        )
-        disc.words(at, -21, f"{abs(angle)}°")
-    disc.segments([(-90, -91 + edge, 90, -91 + edge)], color=FAINT, width=0.9, clip=False)
-    disc.words(size + 17, -21, "θ_r", color=INK, align="left")
-
-
-def _color_bar(bar: Panel, scale: _Scale) -> None:
-    edges = np.linspace(scale.low, scale.high, _STEPS + 1)
-    colors = mpl.colormaps[scale.colors](np.linspace(0.0, 1.0, _STEPS))
-    for a, b, color in zip(edges, edges[1:], colors, strict=False):
-        corners = Path([(a, 0), (b, 0), (b, 1), (a, 1), (a, 0)])
-        bar.area(corners, mpl.colors.to_hex(color), 1.0)
-    for tick, word in zip(scale.ticks, scale.words, strict=True):
-        at = bar.width * (tick - scale.low) / (scale.high - scale.low)
-        bar.segments([(tick, 0, tick, -0.3)], color=FAINT, clip=False)
-        bar.words(at, -15, word)
-    bar.words(0.5 * bar.width, -30, "○ specular · + back to the source", size=9.5)
+    return Scale(0.0, high, *linear_ticks(0.0, high), _MAPS["DoLP"])
 
 
 # ------------------------------------------------------------------------------------------ curves

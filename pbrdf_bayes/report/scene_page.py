@@ -11,7 +11,7 @@ from pbrdf_bayes.report.page import environment
 from pbrdf_bayes.scenes import SceneValues
 
 _FONT = "Arial, Helvetica, sans-serif"
-_WORDS = {"verdict": "verdict of the fit"}
+_WORDS = {"verdict": "verdict of the fit", "applicability": "applicability of the model"}
 _NO_MAP = (
     "no polar map: maps need theta_r from 0 on and phi_r from 0 to 180°, in steps of 90° at most; "
     "all values are in scene.csv and scene.nc"
@@ -22,7 +22,13 @@ _PARTS = {
         "Over the hemisphere",
         "Seen from above, light from the left. White lines at the labelled values.",
     ),
-    "polarisation": ("Polarisation", "Degree of linear polarisation of the scattered light."),
+    "polarisation": (
+        "Polarisation",
+        (
+            "Degree of linear polarisation of the scattered light, and its angle: modulo 180°, 0° "
+            "along s, counterclockwise for who looks into the beam; none where it is unpolarised."
+        ),
+    ),
     "dhr": ("Hemispherical reflectance", "Directional hemispherical reflectance."),
 }
 

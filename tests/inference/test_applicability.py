@@ -8,8 +8,14 @@ import numpy as np
 import pytest
 
 from pbrdf_bayes import GREEN_PAINT, Measurement, simulate_measurement
-from pbrdf_bayes.inference.applicability import judge_applicability, repeatability_dex
+from pbrdf_bayes.inference.applicability import (
+    Repeatability,
+    find_repeatability,
+    held_out_rms,
+    judge_applicability,
+)
 from pbrdf_bayes.inference.holdout import Holdout
+from pbrdf_bayes.inference.holdout_cases import why_no_angle_left_out
 from pbrdf_bayes.inference.parameters import PHYSICAL
 
 
@@ -20,8 +26,8 @@ def judge(rms=0.01, repeatability=0.01, at_bound=None, held_out=0.01, kind="angl
     )
     share = [1.0 if name == at_bound else 0.0 for name in (*PHYSICAL, "narrowing")]
     return judge_applicability(
-        best_rms_dex=rms, repeatability=repeatability, bound_share=share,
-        names=(*PHYSICAL, "narrowing"), holdouts=[held],
+        best_rms_dex=rms, repeatability=Repeatability(repeatability, "stated"), bound_share=share,
+        names=(*PHYSICAL, "narrowing"), held_out=held_out_rms([held]),
     )  # fmt: skip
 
 
@@ -66,9 +72,36 @@ def measurement() -> Measurement:
     return simulate_measurement(GREEN_PAINT, seed=1, theta_i_deg=(20.0,))
 
 
-def test_repeats_that_scatter_more_than_neighbours(measurement: Measurement):
-    assert repeatability_dex(measurement, 0.01) == pytest.approx(0.01)
-    brdf = measurement.brdf
-    repeated = replace(brdf, u_value=0.1 * brdf.value, repeated=np.ones(len(brdf), dtype=bool))
-    found = repeatability_dex(replace(measurement, brdf=repeated), 0.01)
-    assert found == pytest.approx(0.1 / np.log(10.0))
+@pytest.mark.parametrize("repeated", [True, False])
+def test_a_stated_sigma_that_is_more_than_the_scatter_of_neighbours(measurement, repeated: bool):
+    """Of repeats or of the laboratory: their mean is smooth where whole scans differ by a gain."""
+    plain = replace(measurement.brdf, u_value=np.full(len(measurement.brdf), np.nan))
+    inferred = find_repeatability(replace(measurement, brdf=plain), 0.01)
+    assert inferred.dex == pytest.approx(0.01)
+    assert inferred.words.startswith("inferred")
+    relative = np.where(np.arange(len(plain)) % 2, 0.05, 0.15)
+    told = np.full(len(plain), repeated)
+    brdf = replace(plain, u_value=relative * plain.value, repeated=told)
+    found = find_repeatability(replace(measurement, brdf=brdf), 0.01)
+    assert found.dex == pytest.approx(np.sqrt(np.mean(relative**2)) / np.log(10.0))
+    assert found.words == "stated by the column sigma"
+    small = find_repeatability(replace(measurement, brdf=brdf), 0.5)
+    assert small.dex == pytest.approx(0.5)
+    assert small.words.startswith("inferred")
+
+
+def test_the_statement_says_which_repeatability_was_used():
+    said = judge(rms=0.5).statement
+    assert "the rms is 0.500 dex where readings repeat to 0.010 dex (stated)" in said
+
+
+def test_angles_that_were_not_left_out_are_not_passed_over_in_silence():
+    found = judge(kind="polarization")
+    assert found.held_out == "held-out angles were not tested"
+    assert found.statement.endswith("; held-out angles were not tested.")
+    assert judge().held_out == "angles left out are predicted to 0.010 dex"
+    measurement = simulate_measurement(GREEN_PAINT, seed=1, theta_i_deg=(20.0, 60.0))
+    assert "at this accuracy" in why_no_angle_left_out(measurement, "recipe")
+    one = simulate_measurement(GREEN_PAINT, seed=1, theta_i_deg=(20.0,))
+    assert "two angles of incidence" in why_no_angle_left_out(one, "all")
+    assert why_no_angle_left_out(measurement, "all") == ""

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from pbrdf_bayes import (
     GREEN_PAINT,
     ConfigError,
     Effects,
+    Parameters,
     RunConfig,
     build_posterior,
     simulate_measurement,
 )
+from pbrdf_bayes import brdf as brdf_of
+from pbrdf_bayes.config import INSTRUMENT_EFFECTS
 from pbrdf_bayes.inference import choose_effects as choosing
 from pbrdf_bayes.inference.choose_effects import choose_effects
+from pbrdf_bayes.inference.effect_candidates import grown
+from pbrdf_bayes.measurement import select_scans
 
 AUTO = RunConfig(effects=("auto",))
 GRID = np.arange(-80.0, 81.0, 8.0)
@@ -54,6 +62,64 @@ def test_one_angle_and_one_polarisation_leave_nothing_to_choose_by():
     assert config.effects == ()
     assert choice.candidates == ()
     assert "no statistics" in choice.caution
+
+
+def test_readings_of_the_dhr_alone_are_not_called_one_angle():
+    """Four angles of incidence, and no curve to be left out and predicted."""
+    whole = simulated(1)
+    alone = select_scans(whole, np.zeros(len(whole.scans), dtype=bool), dhr=True)
+    assert np.unique(alone.dhr.theta_i_deg).size > 3
+    config, choice = choose_effects(alone, AUTO, seed=1)
+    assert config.effects == ()
+    assert choice.statement.startswith("Without BRDF scans there is no curve to predict: ")
+
+
+def test_candidates_never_hold_an_effect_of_the_instrument():
+    """Readings of one polarisation or without DHR could not tell them."""
+    reached, new = set(), [RunConfig()]
+    while new:
+        larger = {c.effects: c for one in new for c in grown(one)}
+        new = [c for c in larger.values() if frozenset(c.effects) not in reached]
+        reached |= {frozenset(c.effects) for c in new}
+    assert reached
+    assert not set().union(*reached) & set(INSTRUMENT_EFFECTS)
+
+
+def test_the_score_of_angles_is_kept_for_the_verdict(gains):
+    gains(0.0)
+    _, choice = choose_effects(simulated(2), AUTO, seed=1)
+    logs = 1e-3 * np.arange(5)  # three angles, then the two polarisations
+    for kind, part in (("angle", logs[:3]), ("polarization", logs[3:])):
+        assert choice.held_out[kind] == pytest.approx(np.sqrt(np.mean(np.exp(2.0 * part))))
+
+
+def test_stated_uncertainties_have_no_say_in_the_choice(monkeypatch):
+    """The score counts all readings alike; fits that do not are scored for what they did not fit.
+
+    The chosen optimum is then that of least squares, here of scipy's on the plain model.
+    """
+    measurement = simulated(4)
+    rng, brdf = np.random.default_rng(1), measurement.brdf
+    stated = replace(brdf, u_value=brdf.value * rng.uniform(0.01, 1.0, len(brdf)))
+    dhr = measurement.dhr
+    none = replace(measurement, dhr=replace(dhr, **{
+        name: getattr(dhr, name)[:0] for name in dhr.__dataclass_fields__
+    }), brdf=stated)  # fmt: skip
+    monkeypatch.setattr(choosing, "grown", lambda _: iter(()))
+    _, choice = choose_effects(none, AUTO, seed=1)
+
+    def residuals(x):
+        paint = Parameters(n=x[0], k=x[1], sigma_n0=x[2], rho0=x[3])
+        found = [
+            brdf_of(paint, brdf.theta_i_deg, brdf.theta_r_deg, q, rtol=1e-5) for q in ("s", "p")
+        ]
+        return np.log10(brdf.value / np.where(brdf.polarization == "s", *found))
+
+    best = least_squares(
+        residuals, [1.5, 0.2, 0.5, 0.4], bounds=([1.01, 0.0, 0.01, 0.01], [3.0, 3.0, 1.0, 4.0])
+    )
+    rms = np.sqrt(np.mean(best.fun**2))
+    assert choice.candidates[0].rms_dex == pytest.approx(rms, rel=2e-4)
 
 
 def test_named_effects_are_left_alone():

@@ -10,7 +10,12 @@ import pytest
 import pbrdf_bayes as pb
 from pbrdf_bayes.cli import main
 from pbrdf_bayes.inference.map_fit import find_map
-from pbrdf_bayes.inference.prior_support import possible_samples, refuse_impossible_priors
+from pbrdf_bayes.inference.prior_support import (
+    possible_samples,
+    refuse_impossible_priors,
+    refuse_untold_instrument,
+)
+from pbrdf_bayes.io.tidy_writer import write_tidy_csv
 
 pytestmark = pytest.mark.usefixtures("signals_as_before")
 
@@ -51,6 +56,48 @@ def test_the_program_ends_with_two_and_no_folder(here, capsys, small_csv) -> Non
     assert "priors: sigma_n0 fixed at 1, lambert fixed at 0.5" in captured.err
     assert captured.out == ""
     assert [path.name for path in here.iterdir()] == ["run.toml"]
+
+
+UNTOLD = [
+    ("scale_p", {"polarizations": ("s",)}, r"'scale_p' needs s and p scans .* no p scans"),
+    ("leakage", {"polarizations": ("p",)}, r"'leakage' needs s and p scans .* no s scans"),
+    ("leakage", {"polarizations": ("u",)}, r"'leakage' needs s and p .* no s scans and p scans"),
+    ("dhr_offset", {"dhr_theta_i_deg": ()}, r"'dhr_offset' needs DHR readings"),
+]  # fmt: skip
+
+
+def scans_of(**choices: object) -> pb.Measurement:
+    return pb.simulate_measurement(
+        pb.GREEN_PAINT, seed=1, theta_i_deg=(20.0, 60.0), theta_r_deg=[-40.0, 0.0, 40.0], **choices
+    )
+
+
+@pytest.mark.parametrize(("effect", "choices", "message"), UNTOLD)
+def test_effects_of_the_instrument_that_nothing_could_tell(effect, choices, message) -> None:
+    """A value that is known, fixed by its prior, corrects the readings all the same."""
+    measurement = scans_of(**choices)
+    with pytest.raises(pb.ConfigError, match=message):
+        pb.fit(measurement, pb.RunConfig(effects=(effect,), accuracy="draft"))
+    known = pb.RunConfig(effects=(effect,), priors=fixed(**{effect: 0.0 + (effect == "scale_p")}))
+    refuse_untold_instrument(pb.build_posterior(measurement, known))
+
+
+@pytest.mark.parametrize("effect", ["scale_p", "leakage", "dhr_offset", "aperture", "volume"])
+def test_effects_that_readings_can_tell_are_fitted(effect: str) -> None:
+    refuse_untold_instrument(pb.build_posterior(scans_of(), pb.RunConfig(effects=(effect,))))
+
+
+@pytest.mark.parametrize("effect", ["scale_p", "leakage"])
+def test_the_program_writes_nothing_for_an_effect_that_nothing_could_tell(
+    here, capsys, effect: str
+) -> None:
+    write_tidy_csv(scans_of(polarizations=("s",)), Path("s.csv"))
+    assert main(["fit", "s.csv", "--effects", effect, "--out", "o", "--quiet"]) == 2
+    captured = capsys.readouterr()
+    assert f"effects: '{effect}' needs s and p scans" in captured.err
+    assert captured.err.count("\n") == 1
+    assert captured.out == ""
+    assert not Path("o").exists()
 
 
 def test_a_black_surface_over_diffuse_scatter_is_possible(small_csv) -> None:

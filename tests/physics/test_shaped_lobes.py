@@ -7,6 +7,7 @@ rtol = 1e-12.
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -162,6 +163,54 @@ def test_geometric_mean_at_brewster_incidence_converges(k: float) -> None:
             for digits in (4.0, 6.0, 8.0, 10.0):
                 coarse = norms(1.6, k, 0.05, theta_i, shaped, digits)
                 np.testing.assert_allclose(coarse, fine, rtol=10.0**-digits)
+
+
+def graded_norms(n: float, rho0: float, theta_i: float, shaped: Lobe) -> tuple[float, float]:
+    """I_s and I_p by Gauss rules on panels that halve towards every angle that is special."""
+    surf, brewster = surface(n, 0.0, 0.8, rho0), np.arctan(n)
+    x, w = np.polynomial.legendre.leggauss(12)
+    special = np.unique([0.0, theta_i, brewster, 0.5 * np.pi - brewster, 0.5 * np.pi])
+    cuts = []
+    for a, b in pairwise(special):
+        steps = (b - a) * 0.5 ** np.arange(1.0, 14.0)
+        cuts += [a, *(a + steps), *(b - steps)]
+    cuts = np.unique([*cuts, 0.5 * np.pi])
+
+    def lobes_at(t_i: float, t: np.ndarray, transverse: bool) -> np.ndarray:
+        d = prepare_directions(np.full(t.size, t_i), t, np.full(t.size, 0.5 * np.pi * transverse))
+        rows = (d.beta_x, d.beta_c, d.beta_offset, d.beta_h) if transverse else d[:4]
+        return np.exp([shaped_log_lobes(*row, surf, shaped) for row in zip(*rows, strict=True)])
+
+    def rule(a: float, b: float) -> tuple[np.ndarray, np.ndarray]:
+        return 0.5 * (a + b) + 0.5 * (b - a) * x, 0.5 * (b - a) * w
+
+    def across(a: float, b: float) -> np.ndarray:
+        s, weight = rule(a, b)
+        return 2.0 * (weight * np.cos(s)) @ lobes_at(0.0, s, transverse=True)
+
+    whole = np.array([across(a, b) for a, b in pairwise(cuts)])
+    before = np.vstack([np.zeros(2), np.cumsum(whole, axis=0)])
+    total = np.zeros(2)
+    for a, b in pairwise(cuts):
+        t, weight = rule(a, b)
+        s = 0.5 * np.pi - t
+        piece = np.searchsorted(cuts, s) - 1
+        c = np.array([before[j] + across(cuts[j], one) for j, one in zip(piece, s, strict=True)])
+        both = lobes_at(theta_i, t, transverse=False) + lobes_at(theta_i, -t, transverse=False)
+        total += (weight * np.cos(t)) @ (both * c[:, ::-1])
+    return float(total[0]), float(total[1])
+
+
+@pytest.mark.parametrize(("n", "rho0"), [(1.0005, 4.0), (1.002, 1.0), (1.02, 0.1)])
+@pytest.mark.parametrize("theta_i_deg", [45.0, 80.0])
+def test_geometric_mean_near_an_index_of_one(n: float, rho0: float, theta_i_deg: float) -> None:
+    """Fresnel's root at sin t = m is then close to grazing, for B close to t = 0."""
+    theta_i = np.deg2rad(theta_i_deg)
+    shaped = lobe(LORENTZIAN, 1.0, 1.0, GEOMETRIC_MEAN)
+    expected = graded_norms(n, rho0, theta_i, shaped)
+    for digits in (6.0, 8.0):
+        found = norms(n, 0.0, rho0, theta_i, shaped, digits)
+        np.testing.assert_allclose(found, expected, rtol=10.0**-digits)
 
 
 @njit
