@@ -99,6 +99,17 @@ class Candidate:
             raise ConfigError(msg)
 
     @property
+    def geometry(self) -> tuple[int, ...]:
+        """Quantity, polarisation, incidence and port as whole numbers, angles in 1e-6 deg.
+
+        What two candidates share readings by: their angles and their minutes may still differ.
+        """
+        return (
+            QUANTITIES.index(self.quantity), POLARIZATIONS.index(self.polarization),
+            round(1e6 * self.theta_i_deg), round(1e6 * self.port_deg),
+        )  # fmt: skip
+
+    @property
     def n_readings(self) -> int:
         """Readings it takes."""
         return max(len(self.theta_r_deg), 1)
@@ -160,6 +171,32 @@ def list_candidates(
         )
         for quantity in quantities for q in polarizations for angle in angles
     )  # fmt: skip
+
+
+def distinct_labels(candidates: Sequence[Candidate]) -> tuple[str, ...]:
+    """Labels of candidates; those that would be equal say in what they differ.
+
+    Examples
+    --------
+    >>> twice = [Candidate("dhr", "s", 60.0, minutes) for minutes in (3.0, 9.0)]
+    >>> distinct_labels(twice)
+    ('DHR_s at 60°, 3 min', 'DHR_s at 60°, 9 min')
+    """
+    alike: dict[str, list[Candidate]] = {}
+    for c in candidates:
+        alike.setdefault(c.label, []).append(c)
+    return tuple(c.label + _apart(c, alike[c.label]) for c in candidates)
+
+
+def _apart(candidate: Candidate, alike: Sequence[Candidate]) -> str:
+    """What a candidate has of its own: range and step of the scan, minutes."""
+    words = ""
+    if len(alike) > 1 and any(c.theta_r_deg != candidate.theta_r_deg for c in alike):
+        angles = candidate.theta_r_deg
+        words += f", {min(angles):g} to {max(angles):g}° in {len(angles)} readings"
+    if len(alike) > 1 and any(c.minutes != candidate.minutes for c in alike):
+        words += f", {candidate.minutes:.3g} min"
+    return words
 
 
 def usual_scan(measurement: Measurement) -> tuple[float, ...]:
