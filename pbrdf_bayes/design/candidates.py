@@ -185,18 +185,20 @@ def distinct_labels(candidates: Sequence[Candidate]) -> tuple[str, ...]:
     alike: dict[str, list[Candidate]] = {}
     for c in candidates:
         alike.setdefault(c.label, []).append(c)
-    return tuple(c.label + _apart(c, alike[c.label]) for c in candidates)
+    several = {
+        label: (len({c.theta_r_deg for c in same}) > 1, len({c.minutes for c in same}) > 1)
+        for label, same in alike.items()
+    }
+    return tuple(c.label + _apart(c, *several[c.label]) for c in candidates)
 
 
-def _apart(candidate: Candidate, alike: Sequence[Candidate]) -> str:
-    """What a candidate has of its own: range and step of the scan, minutes."""
+def _apart(candidate: Candidate, scans_differ: bool, minutes_differ: bool) -> str:
+    """What a candidate has of its own: range and readings of the scan, minutes."""
+    angles = candidate.theta_r_deg
     words = ""
-    if len(alike) > 1 and any(c.theta_r_deg != candidate.theta_r_deg for c in alike):
-        angles = candidate.theta_r_deg
+    if scans_differ:
         words += f", {min(angles):g} to {max(angles):g}° in {len(angles)} readings"
-    if len(alike) > 1 and any(c.minutes != candidate.minutes for c in alike):
-        words += f", {candidate.minutes:.3g} min"
-    return words
+    return words + (f", {candidate.minutes:.3g} min" if minutes_differ else "")
 
 
 def usual_scan(measurement: Measurement) -> tuple[float, ...]:

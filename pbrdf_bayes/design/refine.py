@@ -53,7 +53,7 @@ _FEWEST = 5.0
 _READINGS = (8, 40)
 _OF_HEMISPHERE = {"dhr": 25, "ddr": 700}
 """What a reading costs, in values of a scan."""
-_USUAL_SETS = 10_000
+_USUAL_SETS = 5_000
 """Evaluated for one simulated reading, mostly."""
 
 

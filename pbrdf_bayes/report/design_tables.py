@@ -90,14 +90,17 @@ def _goal_row(row: Record) -> dict[str, str]:
     return {
         "label": row["label"],
         "minutes": number(row["minutes"]),
-        "reduction": f"{_percent(row['reduction'])} ± {_percent(row['reduction_se'])}",
-        "per_minute": f"{fixed(100.0 * row['reduction_per_minute'], 1)}{THIN}% ± "
-        f"{fixed(100.0 * row['reduction_per_minute_se'], 1)}{THIN}%",
+        "reduction": _with_error(row["reduction"], row["reduction_se"], 1),
+        "per_minute": _with_error(row["reduction_per_minute"], row["reduction_per_minute_se"], 2),
         "left": _percent(row["sd_ratio"]),
         "p_best": _percent(row["p_best"]),
         "p_best_per_minute": _percent(row["p_best_per_minute"]),
         "best": ", ".join(best),
     }
+
+
+def _with_error(share: float, se: float, places: int) -> str:
+    return f"{fixed(100.0 * share, places)} ± {fixed(100.0 * se, places)}{THIN}%"
 
 
 def plan_rows(batch: Record) -> list[dict[str, str]]:

@@ -18,6 +18,7 @@ from pbrdf_bayes.design.candidates import Costs
 from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.io.run_folder import load_analysis, locked, validate_design
 from pbrdf_bayes.terminal import counter
+from pbrdf_bayes.verbs_design import best_table
 
 pytestmark = pytest.mark.usefixtures("signals_as_before")
 FEW = ["--theta-i", "20,55", "--polarization", "s,p", "--draws", "60", "--quiet"]
@@ -122,6 +123,16 @@ def test_a_design_without_goals_has_a_page(design: dict[str, Any]) -> None:
     older = {key: value for key, value in design.items() if key != "goals"}
     validate_design(older, where="older.json")
     assert "What you need" not in render_design(older)
+
+
+def test_a_gain_that_is_only_bounded_is_told_as_such(design: dict[str, Any]) -> None:
+    from pbrdf_bayes.report.design_page import render_design
+
+    first, *rest = design["candidates"]
+    bounded = first | {"eig_nats": 11.5, "eig_low": 11.5, "eig_high": 34.1}
+    page = render_design(design | {"candidates": [bounded, *rest]})
+    assert "at least 11.5" in page
+    assert ">= 11.500" in best_table(design | {"candidates": [bounded, *rest]})
 
 
 def test_progress_at_every_tenth_of_a_stage(capsys: pytest.CaptureFixture[str]) -> None:
