@@ -31,10 +31,11 @@ def observer(*, quiet: bool, interrupted: Callable[[], bool]) -> Observer:
 def counter(*, quiet: bool, interrupted: Callable[[], bool]) -> Callable[[str, int, int], None]:
     """Told a stage and how many of how many are done: a line for each stage, with the time left.
 
-    Where stderr is no terminal a stage has a line at its start and one at its end.
+    Where stderr is no terminal a stage has a line at its start, at every tenth and at its end.
     """
     live = sys.stderr.isatty()
     started: dict[str, float] = {}
+    tenths: dict[str, int] = {}
 
     def told(stage: str, done: int, of: int) -> None:
         if interrupted():
@@ -42,7 +43,10 @@ def counter(*, quiet: bool, interrupted: Callable[[], bool]) -> Callable[[str, i
         now = time.perf_counter()
         first = stage not in started
         elapsed = now - started.setdefault(stage, now)
-        if not quiet and (live or first or done == of):
+        tenth = 10 * done // max(of, 1)
+        due = first or tenth > tenths[stage]
+        tenths[stage] = tenth
+        if not quiet and (live or due):
             line = f"  {stage} {done}/{of}  {_left(elapsed, done, of)}".rstrip()
             _write(f"{line:<60}", end="\r" if live and done < of else "\n")
 

@@ -14,6 +14,8 @@ from pbrdf_bayes.arguments import DONE, add_verb, angles, grid, interrupted, see
 from pbrdf_bayes.errors import ConfigError
 
 _BEST_SHOWN = 10
+_UNBOUNDED = 1.0
+"""Bracket [nat] beyond which only its lower end is told."""
 _EPILOG = """\
 goals: dhr:Q:THETA_I, brdf:Q:THETA_I:THETA_R, scan:Q:THETA_I or ratio:THETA_I:THETA_R, with Q one of
 s, p, u and angles in degrees; the expected standard deviation of each is told beside the parameters
@@ -202,8 +204,8 @@ def best_table(design: dict[str, Any]) -> str:
     names = list(design["sd_before"])
     head = ["", "min", "nat", "+-", "nat/min", "best", *(f"sd {name}" for name in names)]
     cells = [head, *([
-        row["label"], f"{row['minutes']:.3g}", f"{row['eig_nats']:.3f}", f"{row['eig_se']:.3f}",
-        f"{row['eig_per_minute']:.4f}", f"{100.0 * row['p_best']:.0f} %",
+        row["label"], f"{row['minutes']:.3g}", *_gain(row), _unsigned(row["eig_per_minute"], 4),
+        f"{100.0 * row['p_best']:.0f} %",
         *(_percent(row["sd_ratio"][name]["ratio"]) for name in names),
     ] for row in rows)]  # fmt: skip
     widths = [max(len(line[i]) for line in cells) for i in range(len(head))]
@@ -212,6 +214,18 @@ def best_table(design: dict[str, Any]) -> str:
                    *(c.rjust(w) for c, w in zip(line[1:], widths[1:], strict=True))]).rstrip()
         for line in cells
     )  # fmt: skip
+
+
+def _gain(row: dict[str, Any]) -> tuple[str, str]:
+    """Gain and error; its lower bound where no more is known."""
+    if row["eig_high"] - row["eig_low"] > _UNBOUNDED:
+        return f">= {max(row['eig_low'], 0.0):.3f}", "-"
+    return _unsigned(row["eig_nats"], 3), f"{row['eig_se']:.3f}"
+
+
+def _unsigned(value: float, decimals: int) -> str:
+    """Fixed decimals, and no zero with a sign."""
+    return f"{round(value, decimals) + 0.0:.{decimals}f}"
 
 
 def _percent(share: float | None) -> str:

@@ -99,6 +99,17 @@ class Candidate:
             raise ConfigError(msg)
 
     @property
+    def geometry(self) -> tuple[int, ...]:
+        """Quantity, polarisation, incidence and port as whole numbers, angles in 1e-6 deg.
+
+        What two candidates share readings by: their angles and their minutes may still differ.
+        """
+        return (
+            QUANTITIES.index(self.quantity), POLARIZATIONS.index(self.polarization),
+            round(1e6 * self.theta_i_deg), round(1e6 * self.port_deg),
+        )  # fmt: skip
+
+    @property
     def n_readings(self) -> int:
         """Readings it takes."""
         return max(len(self.theta_r_deg), 1)
@@ -160,6 +171,34 @@ def list_candidates(
         )
         for quantity in quantities for q in polarizations for angle in angles
     )  # fmt: skip
+
+
+def distinct_labels(candidates: Sequence[Candidate]) -> tuple[str, ...]:
+    """Labels of candidates; those that would be equal say in what they differ.
+
+    Examples
+    --------
+    >>> twice = [Candidate("dhr", "s", 60.0, minutes) for minutes in (3.0, 9.0)]
+    >>> distinct_labels(twice)
+    ('DHR_s at 60°, 3 min', 'DHR_s at 60°, 9 min')
+    """
+    alike: dict[str, list[Candidate]] = {}
+    for c in candidates:
+        alike.setdefault(c.label, []).append(c)
+    several = {
+        label: (len({c.theta_r_deg for c in same}) > 1, len({c.minutes for c in same}) > 1)
+        for label, same in alike.items()
+    }
+    return tuple(c.label + _apart(c, *several[c.label]) for c in candidates)
+
+
+def _apart(candidate: Candidate, scans_differ: bool, minutes_differ: bool) -> str:
+    """What a candidate has of its own: range and readings of the scan, minutes."""
+    angles = candidate.theta_r_deg
+    words = ""
+    if scans_differ:
+        words += f", {min(angles):g} to {max(angles):g}° in {len(angles)} readings"
+    return words + (f", {candidate.minutes:.3g} min" if minutes_differ else "")
 
 
 def usual_scan(measurement: Measurement) -> tuple[float, ...]:

@@ -27,8 +27,9 @@ from pbrdf_bayes.design.hemispherical import (
 from pbrdf_bayes.design.nested import (
     Gain,
     PairTable,
+    Spread,
     expected_gain,
-    expected_sd_ratio,
+    expected_spread,
 )
 from pbrdf_bayes.design.scans import (
     PlannedScan,
@@ -158,8 +159,8 @@ class Evaluated:
     candidate : Candidate
     gain : Gain
         Tier 1: nested Monte Carlo.
-    sd_ratio, sd_ratio_se : ndarray, shape (n_quantities,)
-        Standard deviation after over before, of parameters and goals.
+    spread : Spread
+        Variance after over before, of parameters and goals.
     table : PairTable or None
         Kept for batches.
     reading : Hemispherical or None
@@ -168,8 +169,7 @@ class Evaluated:
 
     candidate: Candidate
     gain: Gain
-    sd_ratio: Array
-    sd_ratio_se: Array
+    spread: Spread
     table: PairTable | None = None
     reading: Hemispherical | None = None
 
@@ -204,8 +204,9 @@ def linear_gains(stage: Stage, candidate: Candidate) -> Array:
 
 
 def evaluate(
-    stage: Stage, candidate: Candidate, own: Array, inner: Array, *, keep: bool
-) -> Evaluated:
+    stage: Stage, candidate: Candidate, own: Array, inner: Array, *, keep: bool,
+    groups: Sequence[NDArray[np.int64]] | None = None,
+) -> Evaluated:  # fmt: skip
     """Tier 1 of a candidate.
 
     Parameters
@@ -216,6 +217,8 @@ def evaluate(
         Parameters and goals at the draws.
     keep : bool
         Keep the tables, for batches.
+    groups : sequence of ndarray of int, optional
+        Columns that are one quantity together, such as the angles of a scan; each is one without.
 
     Returns
     -------
@@ -229,10 +232,11 @@ def evaluate(
         table = hemispherical_table(stage, [reading])
     gain = expected_gain(table, keep_weights=True)
     assert gain.weights is not None
-    ratio, se = expected_sd_ratio(gain.weights, own, inner, stage.inner_weights)
+    spread = expected_spread(gain.weights, own, inner, stage.inner_weights)
+    spread = spread if groups is None else spread.merged(groups)
     kept = replace(table, inner=table.inner.astype(np.float32)) if keep else None
     gain = replace(gain, weights=None)
-    return Evaluated(candidate, gain, ratio, se, kept, reading if keep else None)
+    return Evaluated(candidate, gain, spread, kept, reading if keep else None)
 
 
 def _scan_table(stage: Stage, candidate: Candidate) -> PairTable:
@@ -283,7 +287,9 @@ def read_hemispherical(stage: Stage, candidate: Candidate) -> Hemispherical:
             nuisance = hemispherical_values(b.posterior, candidate, sets.x)
     return Hemispherical(
         polarization=q,
-        y=draw_hemispherical(own, stage.gains[q][0], stage.outer, seed=seed),
+        y=draw_hemispherical(
+            own, stage.gains[q][0], stage.outer, seed=seed, key=candidate.geometry
+        ),
         own=own,
         inner=hemispherical_values(b.posterior, candidate, stage.inner.x),
         nuisance=nuisance,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.design.candidates import Candidate
-from pbrdf_bayes.design.hemispherical import hemispherical_values
+from pbrdf_bayes.design.hemispherical import hemispherical_values, of_sample
 from pbrdf_bayes.design.scans import scan_geometry
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.inference.posterior import Posterior
@@ -82,8 +82,9 @@ def goal_values(posterior: Posterior, goal: Goal, x: Array, theta_r_deg: Array) 
     """The prediction at parameter sets, shape (n_sets, n_values).
 
     DHR as it is, BRDF and ratios as natural logarithms; a scan has a value for each of
-    ``theta_r_deg`` [deg].
+    ``theta_r_deg`` [deg]. Of the sample, without the effects of the instrument.
     """
+    x = of_sample(posterior, x)
     if goal.kind == "dhr":
         there = Candidate("dhr", goal.polarization, goal.theta_i_deg, 1.0)
         return hemispherical_values(posterior, there, x)[:, None]

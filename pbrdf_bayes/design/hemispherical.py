@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 from pbrdf_bayes.design.beliefs import Beliefs, DrawnSets
 from pbrdf_bayes.design.candidates import Candidate
 from pbrdf_bayes.diffuse_directional import port_light
+from pbrdf_bayes.effects import INSTRUMENT_FIELDS
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.physics.geometry import prepare_geometry
+from pbrdf_bayes.physics.scene import NULL
 
 Array = NDArray[np.float64]
 
@@ -37,8 +39,22 @@ class GainLaw:
     precision: Array
 
 
+def of_sample(posterior: Posterior, x: Array, *, kept: tuple[str, ...] = ()) -> Array:
+    """The sets with the effects of the instrument off, but for those kept: what the sample does."""
+    names = posterior.parameter_names
+    found = x.copy()
+    for name in INSTRUMENT_FIELDS:
+        if name in names and name not in kept:
+            found[:, names.index(name)] = getattr(NULL, name)
+    return found
+
+
 def hemispherical_values(posterior: Posterior, candidate: Candidate, x: Array) -> Array:
-    """DHR or DDR of the model [1], shape (n_sets,)."""
+    """DHR or DDR as it is read, but for its gain [1], shape (n_sets,).
+
+    Offset and leakage count in both, as they do where DHR readings are fitted; effects of the
+    goniometer count in neither.
+    """
     values = _dhr(posterior, np.array([candidate.theta_i_deg]), candidate.polarization, x)[:, 0]
     if candidate.quantity == "ddr":
         values = values - specular_part(posterior, candidate, x)
@@ -57,7 +73,12 @@ def _dhr(posterior: Posterior, theta_i_deg: Array, polarization: str, x: Array) 
 
 
 def specular_part(posterior: Posterior, candidate: Candidate, x: Array) -> Array:
-    """Light inside the port about the specular direction [1], shape (n_sets,)."""
+    """Light inside the port about the specular direction [1], shape (n_sets,).
+
+    Of the sample in the light that the polariser lets through: what a goniometer would do to a scan
+    there does not count.
+    """
+    x = of_sample(posterior, x, kept=("leakage",))
     names, q = posterior.parameter_names, candidate.polarization
     narrowing = x[:, names.index("narrowing")] if "narrowing" in names else np.ones(len(x))
 
@@ -94,17 +115,19 @@ def gain_law(beliefs: Beliefs, polarization: str, sets: DrawnSets) -> GainLaw:
 
 
 def draw_hemispherical(
-    value: Array, gain: GainLaw, sets: DrawnSets, *, seed: tuple[int, ...]
-) -> Array:
+    value: Array, gain: GainLaw, sets: DrawnSets, *, seed: tuple[int, ...],
+    key: tuple[int, ...] = (),
+) -> Array:  # fmt: skip
     """One reading for every set, shape (n_sets,).
 
-    The gain comes from ``seed`` alone, the same for all readings of a polarisation.
+    The gain comes from ``seed`` alone, the same for all readings of a polarisation; the noise from
+    ``key`` (`Candidate.geometry`) too: readings of different geometries share the gain only.
     """
     n = value.size
     shift = gain.mean + np.random.default_rng([*seed, 23]).standard_normal(n) / np.sqrt(
         gain.precision
     )
-    noise = np.random.default_rng([*seed, 24]).standard_normal(n)
+    noise = np.random.default_rng([*seed, 24, *key]).standard_normal(n)
     return np.asarray(value * (1.0 + shift) + np.sqrt(sets.dhr_variance) * noise)
 
 

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 Array = NDArray[np.float64]
 
 _N_BOOTSTRAP = 2000
-_CLEAR = 2.0
-"""Standard errors of a paired difference beyond which two candidates are told apart."""
+_CLEAR = 0.9772
+"""Quantile of Student's t beyond which two candidates are told apart: two standard errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,10 +24,10 @@ class Ranking:
     ----------
     value : ndarray, shape (n_candidates,)
     p_best : ndarray, shape (n_candidates,)
-        Share of bootstrap samples of the simulated readings in which it is the best.
+        Share of bootstrap samples in which it is the best.
     tied : ndarray of bool, shape (n_candidates,)
         Cannot be told apart from the best: the paired difference is less than two of its standard
-        errors.
+        errors, or brackets overlap.
     pareto : ndarray of bool, shape (n_candidates,)
         No other one gives as much in fewer minutes, or more in as many.
     """
@@ -37,35 +38,59 @@ class Ranking:
     pareto: NDArray[np.bool_]
 
 
-def rank(terms: Array, minutes: Array, *, per_minute: bool, seed: int) -> Ranking:
+def rank(
+    terms: Array, minutes: Array, *, per_minute: bool, seed: int, inner: Array | None = None,
+    reach: Array | None = None,
+) -> Ranking:  # fmt: skip
     """Rank candidates by their mean contributions.
 
     Parameters
     ----------
     terms : ndarray, shape (n_candidates, n_outer)
-        Contributions of the same simulated paints to every candidate [nat].
+        Contributions of the same simulated paints to every candidate.
     minutes : ndarray, shape (n_candidates,)
     per_minute : bool
-        Information for each minute instead of each measurement.
+        Utility for each minute instead of each measurement.
     seed : int
         Of the bootstrap.
+    inner : ndarray, shape (n_candidates, n_inner), optional
+        How much each inner draw moves the mean.
+    reach : ndarray, shape (n_candidates, 2), optional
+        How far the truth may lie below and above the mean where a bracket is wide, else 0. Where
+        brackets of the best ones overlap nothing is known of their order: they share ``p_best``
+        evenly.
 
     Returns
     -------
     Ranking
     """
-    utility = terms / minutes[:, None] if per_minute else terms
+    each = 1.0 / minutes if per_minute else np.ones(len(minutes))
+    utility = terms * each[:, None]
     value = utility.mean(axis=1)
     n = utility.shape[1]
-    counts = np.random.default_rng([seed, 40]).multinomial(n, np.full(n, 1.0 / n), _N_BOOTSTRAP)
-    means = utility @ counts.T / n
-    winners = np.bincount(means.argmax(axis=0), minlength=len(value))
+    moved = np.zeros((len(value), 1)) if inner is None else inner * each[:, None]
+    below, above = np.zeros((2, len(value))) if reach is None else (reach * each[:, None]).T
     best = int(np.argmax(value))
     away = utility[best] - utility
-    error = away.std(axis=1, ddof=1) / np.sqrt(n)
-    tied = away.mean(axis=1) <= _CLEAR * error
+    error = np.sqrt(away.var(axis=1, ddof=1) / n + np.sum((moved[best] - moved) ** 2, axis=1))
+    tied = away.mean(axis=1) - below[best] - above <= float(stdtrit(n - 1, _CLEAR)) * error
     tied[best] = True
-    return Ranking(value, winners / _N_BOOTSTRAP, tied, pareto_front(terms.mean(axis=1), minutes))
+    if np.any((below + above)[tied] > 0.0):
+        p_best = tied / tied.sum()
+    else:
+        p_best = _chance_to_be_best(utility, moved, seed)
+    return Ranking(value, p_best, tied, pareto_front(terms.mean(axis=1), minutes))
+
+
+def _chance_to_be_best(utility: Array, moved: Array, seed: int) -> Array:
+    """By resampling the readings, and a normal law of the luck of the inner draws."""
+    n = utility.shape[1]
+    rng = np.random.default_rng([seed, 40])
+    counts = rng.multinomial(n, np.full(n, 1.0 / n), _N_BOOTSTRAP)
+    size, axes = np.linalg.eigh(moved @ moved.T)
+    luck = axes * np.sqrt(np.maximum(size, 0.0))
+    means = utility @ counts.T / n + luck @ rng.standard_normal((len(utility), _N_BOOTSTRAP))
+    return np.bincount(means.argmax(axis=0), minlength=len(utility)) / _N_BOOTSTRAP
 
 
 def pareto_front(gain: Array, minutes: Array) -> NDArray[np.bool_]:

@@ -32,6 +32,7 @@ from pbrdf_bayes.design.hemispherical import (
     hemispherical_values,
 )
 from pbrdf_bayes.design.nested import Gain, bracket
+from pbrdf_bayes.design.peaks import peak_of
 from pbrdf_bayes.design.scans import draw_scans, law_of_rows, plan_scan, scan_log_likelihoods
 from pbrdf_bayes.inference.importance import effective_size, tempered_weights
 from pbrdf_bayes.inference.mixture import Mixture, fit_mixture
@@ -40,12 +41,20 @@ Array = NDArray[np.float64]
 Density = Callable[[Array], tuple[Array, Array]]
 """Log-density of the law before the reading, but for a constant, and log-likelihood, at z."""
 
-_MOST_ROUNDS, _KEPT_ROUNDS, _ROUND_SIZE = 60, 4, 300
-_GOOD_SHARE = 0.3
+_MOST_ROUNDS, _KEPT_ROUNDS, _ROUND_SIZE = 48, 4, 400
+_GOOD_SHARE, _SETTLED = 0.3, 4
+"""Effective share of a round that is enough, and rounds without tempering that must be."""
+_TURNS, _FEWEST_LEFT = 3, 8.0
+"""Adapted anew with rounds of twice the size where fewer effective draws are left."""
 _COMPONENTS = 3
 _WIDENING, _LAST_WIDENING = 1.3, 1.1
-_FEWEST = 12.0
+_FEWEST = 5.0
 """Effective draws for each dimension that a fit of the mixture needs."""
+_READINGS = (8, 40)
+_OF_HEMISPHERE = {"dhr": 25, "ddr": 700}
+"""What a reading costs, in values of a scan."""
+_USUAL_SETS = 5_000
+"""Evaluated for one simulated reading, mostly."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +96,9 @@ def _hemispherical(stage: Stage, candidate: Candidate, outer: DrawnSets) -> list
         return hemispherical_log_likelihoods([y], [value], gain, sets, matched=matched)
 
     value = hemispherical_values(b.posterior, candidate, outer.x)
-    y = draw_hemispherical(value, gain_law(b, q, outer), outer, seed=(stage.seed, 33))
+    y = draw_hemispherical(
+        value, gain_law(b, q, outer), outer, seed=(stage.seed, 33), key=candidate.geometry
+    )
     own = under(y, outer, matched=True)[:, 0]
 
     def likelihood(reading: Array) -> Callable[[DrawnSets], Array]:
@@ -96,7 +107,22 @@ def _hemispherical(stage: Stage, candidate: Candidate, outer: DrawnSets) -> list
     return [Reading(likelihood(y[i : i + 1]), float(own[i])) for i in range(len(outer))]
 
 
-def refined_gain(stage: Stage, candidate: Candidate, *, n_outer: int, n_inner: int) -> Gain:
+def work_of(stage: Stage, candidate: Candidate) -> int:
+    """Values of the model that one set costs: of the candidate and of what was measured."""
+    m = stage.beliefs.posterior.measurement
+    so_far = len(m.brdf) + _OF_HEMISPHERE["dhr"] * len(m.dhr) if stage.beliefs.measured else 0
+    return so_far + _OF_HEMISPHERE.get(candidate.quantity, candidate.n_readings)
+
+
+def least_work(stage: Stage, candidate: Candidate) -> int:
+    """Values that the fewest readings of a candidate mostly cost."""
+    return _READINGS[0] * _USUAL_SETS * work_of(stage, candidate)
+
+
+def refined_gain(
+    stage: Stage, candidate: Candidate, *, n_inner: int, most_work: float = np.inf,
+    n_outer: int = _READINGS[1],
+) -> Gain:  # fmt: skip
     """Expected information gain by tier 2.
 
     Parameters
@@ -104,8 +130,13 @@ def refined_gain(stage: Stage, candidate: Candidate, *, n_outer: int, n_inner: i
     stage : Stage
     candidate : Candidate
         A scan with at least one reading above the floor, a DHR or a DDR.
-    n_outer, n_inner : int
-        Simulated readings, and inner draws made for each.
+    n_inner : int
+        Inner draws made for each simulated reading.
+    most_work : float
+        Values of the model after which no further reading is simulated, but for the fewest that
+        make an average. A count, not a time: the result does not depend on the machine.
+    n_outer : int
+        Simulated readings at most.
 
     Returns
     -------
@@ -121,7 +152,10 @@ def refined_gain(stage: Stage, candidate: Candidate, *, n_outer: int, n_inner: i
     other = np.setdiff1d(np.arange(z_inner.shape[1]), about)
     level = _log_norm(lambda z: _density(stage, z), z_inner, rng) if b.measured else 0.0
     lows, highs, effective = [], [], []
+    spent, each = 0, work_of(stage, candidate)
     for i, reading in enumerate(simulate_readings(stage, candidate, n)):
+        if i >= _READINGS[0] and spent * each >= most_work:
+            break
 
         def of_all(z: Array, reading: Reading = reading) -> tuple[Array, Array]:
             return _evaluate(stage, reading, z)
@@ -129,6 +163,7 @@ def refined_gain(stage: Stage, candidate: Candidate, *, n_outer: int, n_inner: i
         found = _terms(of_all, z_inner, z_outer[i], reading.own, level, n_inner, rng)
         low, high = found[0], found[1]
         effective.append(found[2])
+        spent += found[3]
         if other.size:
 
             def of_nuisance(
@@ -141,16 +176,17 @@ def refined_gain(stage: Stage, candidate: Candidate, *, n_outer: int, n_inner: i
 
             near = _near(z_inner, z_outer[i], about, other)
             norm = _log_norm(density, near, rng)
-            least, most, _ = _terms(
+            least, most, _, more = _terms(
                 of_nuisance, near, z_outer[i][other], reading.own, norm, n_inner, rng
             )
             low, high = low - most, high - least
+            spent += more
         lows.append(low)
         highs.append(high)
     low_terms, high_terms = np.array(lows), np.array(highs)
     terms = 0.5 * (low_terms + high_terms)
     return Gain(
-        eig=float(terms.mean()), se=float(terms.std(ddof=1) / np.sqrt(n)),
+        eig=float(terms.mean()), se=float(terms.std(ddof=1) / np.sqrt(len(terms))),
         low=float(low_terms.mean()), high=float(high_terms.mean()),
         ess=float(np.median(effective)), terms=terms,
     )  # fmt: skip
@@ -189,29 +225,37 @@ def _evaluate(stage: Stage, reading: Reading, z: Array) -> tuple[Array, Array]:
 def _terms(
     of: Density, start: Array, own: Array, own_likelihood: float, level: float, n: int,
     rng: np.random.Generator,
-) -> tuple[float, float, float]:  # fmt: skip
-    """Contrastive and nested estimate of ln p(y | own) - ln p(y), and the effective draws."""
-    mixture = _adapted(of, start, rng)
-    z = mixture.sample(rng, n)
-    density, likelihood = of(z)
-    share = density - level - mixture.log_density(z)
+) -> tuple[float, float, float, int]:  # fmt: skip
+    """Both estimates of ln p(y | own) - ln p(y), effective draws, and sets evaluated."""
+    spent = 0
+    for turn in range(_TURNS):
+        mixture, more = _adapted(of, start, rng, _ROUND_SIZE * 2**turn)
+        z = mixture.sample(rng, n)
+        density, likelihood = of(z)
+        spent += more + n
+        share = density - level - mixture.log_density(z)
+        if effective_size((share + likelihood)[np.isfinite(share)]) >= _FEWEST_LEFT:
+            break
     at_own = of(own[None])[0][0] - level - mixture.log_density(own[None])[0]
     log_p = np.append(likelihood, own_likelihood)[None]
     low, high, weights = bracket(log_p, np.append(share, at_own)[None], np.ones(log_p.shape))
-    return float(low[0]), float(high[0]), float(1.0 / np.sum(weights**2))
+    return float(low[0]), float(high[0]), float(1.0 / np.sum(weights**2)), spent + 1
 
 
-def _adapted(of: Density, start: Array, rng: np.random.Generator) -> Mixture:
-    """A t mixture like the law after the reading, from draws of the law before it."""
-    density, likelihood = of(start)
-    usable = np.isfinite(density)
-    points, log_weights = start[usable], likelihood[usable]
-    proposals = [_fitted(points, log_weights, 1, rng)]
+def _adapted(of: Density, start: Array, rng: np.random.Generator, size: int) -> tuple[Mixture, int]:
+    """A t mixture like the law after the reading, from draws of the law before it.
+
+    In rounds of so many draws; with the number of sets evaluated.
+    """
+    first, spent = _first(of, start, rng)
+    proposals = [first]
     drawn: list[Array] = []
     values: list[Array] = []
+    settled = 0
     for _ in range(_MOST_ROUNDS):
-        z = proposals[-1].sample(rng, _ROUND_SIZE)
+        z = proposals[-1].sample(rng, size)
         density, likelihood = of(z)
+        spent += len(z)
         drawn = [*drawn, z][-_KEPT_ROUNDS:]
         values = [*values, density + likelihood][-_KEPT_ROUNDS:]
         proposals = proposals[-_KEPT_ROUNDS:]
@@ -220,35 +264,59 @@ def _adapted(of: Density, start: Array, rng: np.random.Generator) -> Mixture:
         log_weights = np.concatenate(values) - below
         inside = np.isfinite(log_weights)
         if not inside.any():
-            return proposals[-1]
-        last = log_weights[-_ROUND_SIZE:]
-        if effective_size(last) > _GOOD_SHARE * _ROUND_SIZE:
+            return proposals[-1], spent
+        last = log_weights[-size:]
+        if settled == _SETTLED or effective_size(last) > _GOOD_SHARE * size:
             break
-        proposals.append(_fitted(every[inside], log_weights[inside], 1, rng))
-    fitted = _fitted(every[inside], log_weights[inside], _COMPONENTS, rng)
-    return fitted.widened(_LAST_WIDENING)
+        proposal, power = _fitted(every[inside], log_weights[inside], 1, rng)
+        proposals.append(proposal)
+        settled = settled + 1 if power == 1.0 else 0
+    fitted, _ = _fitted(every[inside], log_weights[inside], _COMPONENTS, rng)
+    return fitted.widened(_LAST_WIDENING), spent
+
+
+def _first(of: Density, start: Array, rng: np.random.Generator) -> tuple[Mixture, int]:
+    """About the peak above the best of the draws; with the number of sets evaluated."""
+    density, likelihood = of(start)
+    usable = np.isfinite(density)
+    points, log_weights = start[usable], likelihood[usable]
+    peak = peak_of(
+        lambda z: np.add(*of(z)), points[np.argmax(density[usable] + log_weights)],
+        points.std(axis=0),
+    )  # fmt: skip
+    if peak is None:
+        return _fitted(points, log_weights, 1, rng)[0], len(start)
+    centre, covariance, spent = peak
+    factor = np.asarray(_WIDENING * np.linalg.cholesky(covariance), dtype=np.float64)
+    return Mixture(centre[None], factor[None], np.ones(1)), len(start) + spent
 
 
 def _fitted(
     points: Array, log_weights: Array, n_components: int, rng: np.random.Generator
-) -> Mixture:
-    """Mixture fitted with the largest power of the weights that leaves enough effective points."""
+) -> tuple[Mixture, float]:
+    """Mixture fitted with the largest power of the weights that leaves enough effective points.
+
+    With that power.
+    """
     needed = min(_FEWEST * points.shape[1], 0.5 * len(points))
     weights, power = tempered_weights(log_weights, needed)
+    if np.sum(weights**2) * needed > 2.0:  # too uneven for any power: the best ones alike
+        best = np.argsort(-log_weights)[: int(needed)]
+        weights = np.bincount(best, minlength=len(points)) / len(best)
     if n_components > 1 and power == 1.0:
-        return fit_mixture(points, weights, n_components, rng)
+        return fit_mixture(points, weights, n_components, rng), power
     centre = weights @ points
     away = points - centre
     covariance = (weights[:, None] * away).T @ away
     covariance[np.diag_indices_from(covariance)] *= 1.0 + 1e-6
     covariance[np.diag_indices_from(covariance)] += 1e-14
     factor = np.asarray(_WIDENING * np.linalg.cholesky(covariance), dtype=np.float64)
-    return Mixture(centre[None], factor[None], np.ones(1))
+    return Mixture(centre[None], factor[None], np.ones(1)), power
 
 
 def _log_norm(density: Callable[[Array], Array], start: Array, rng: np.random.Generator) -> float:
     """Natural log of the integral of a density whose draws are about ``start``."""
-    mixture = _fitted(start, np.zeros(len(start)), _COMPONENTS, rng)
+    mixture, _ = _fitted(start, np.zeros(len(start)), _COMPONENTS, rng)
     z = mixture.sample(rng, 8 * _ROUND_SIZE)
     return float(np.logaddexp.reduce(density(z) - mixture.log_density(z)) - np.log(len(z)))
 

@@ -15,10 +15,11 @@ from pbrdf_bayes.design.batches import Batch, Pairs, best_pair, greedy_batch
 from pbrdf_bayes.design.beliefs import Beliefs
 from pbrdf_bayes.design.candidates import Candidate, was_measured
 from pbrdf_bayes.design.evaluate import Evaluated, Stage, evaluate, linear_gains, set_stage
+from pbrdf_bayes.design.for_goals import GoalRanking, rank_for_goal
 from pbrdf_bayes.design.goals import Goal, goal_values
 from pbrdf_bayes.design.nested import Gain
 from pbrdf_bayes.design.ranking import Ranking, rank
-from pbrdf_bayes.design.refine import refined_gain, with_refined
+from pbrdf_bayes.design.refine import least_work, refined_gain, with_refined
 from pbrdf_bayes.errors import ConfigError
 
 Array = NDArray[np.float64]
@@ -27,9 +28,9 @@ Result = TypeVar("Result")
 
 _MOST_EVALUATED = 240
 _KEPT = 24
-_WIDE = 0.3
-"""Bracket [nat] beyond which a candidate needs inner draws of its own."""
-_MOST_REFINED, _READINGS_REFINED, _INNER_REFINED = 16, 40, 400
+_FEWEST_REFINED, _MOST_REFINED, _INNER_REFINED = 2, 8, 400
+_WORK_REFINED = 2e8
+"""Values of the model that tier 2 may compute in all, as long as it has the fewest candidates."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,11 +92,13 @@ class DesignResult:
     by_gain, by_minute : Ranking
         Of ``evaluated``.
     quantities : tuple of str
-        Names of the columns of ``sd_ratio``: parameters, then goals.
+        Names of the columns of ``spread``: parameters, then goals.
     sd_before : ndarray, shape (n_quantities,)
         Standard deviation before; that of ln for a BRDF or a ratio.
     batch : Batch
     pairs : Pairs or None
+    goals : tuple of GoalRanking
+        Of each goal; without those that too few draws are left of.
     about : tuple of str
     choices : DesignChoices
     """
@@ -112,6 +115,7 @@ class DesignResult:
     sd_before: Array
     batch: Batch
     pairs: Pairs | None
+    goals: tuple[GoalRanking, ...]
     about: tuple[str, ...]
     choices: DesignChoices
 
@@ -158,17 +162,28 @@ def design_measurements(
         chosen = _promising(level, minutes, _MOST_EVALUATED)
         kept = set(_promising(level, minutes, _KEPT).tolist())
         own, inner, names = _quantities(stage, goals, candidates)
+        quantities = tuple(dict.fromkeys(names))
+        groups = [np.flatnonzero(np.array(names) == name) for name in quantities]
         evaluated = tuple(_each(
-            lambda i: evaluate(stage, candidates[i], own, inner, keep=i in kept),
+            lambda i: evaluate(stage, candidates[i], own, inner, keep=i in kept, groups=groups),
             chosen.tolist(), wanted.threads, told, "simulating",
         ))  # fmt: skip
         chosen, evaluated = _refined(stage, chosen, evaluated, level, minutes, wanted, told)
         told("combining", 0, 1)
-        with_tables = [e for e in evaluated if e.table is not None]
-        batch = greedy_batch(stage, with_tables, minutes=wanted.minutes, most=wanted.batch)
-        pairs = best_pair(stage, with_tables, minutes=wanted.minutes) if wanted.batch > 1 else None
+        batch = greedy_batch(stage, evaluated, minutes=wanted.minutes, most=wanted.batch)
+        pairs = None
+        if len(batch.members) > 1:
+            pairs = best_pair(stage, evaluated, minutes=wanted.minutes)
         told("combining", 1, 1)
-    terms = _common_terms([e.gain for e in evaluated])
+    by_gain, by_minute = (
+        _ranked([e.gain for e in evaluated], minutes[chosen], wanted.seed, per_minute=flag)
+        for flag in (False, True)
+    )
+    aims = (
+        rank_for_goal(name, evaluated, quantities.index(name), seed=wanted.seed)
+        for name in dict.fromkeys(goal.label for goal in goals)
+    )
+    spread = np.concatenate([own, inner]).var(axis=0, ddof=1)
     measurement = beliefs.posterior.measurement
     return DesignResult(
         evaluated=evaluated,
@@ -179,12 +194,13 @@ def design_measurements(
         repeats=np.array([
             beliefs.measured and was_measured(e.candidate, measurement) for e in evaluated
         ]),
-        by_gain=rank(terms, minutes[chosen], per_minute=False, seed=wanted.seed),
-        by_minute=rank(terms, minutes[chosen], per_minute=True, seed=wanted.seed),
-        quantities=names,
-        sd_before=np.concatenate([own, inner]).std(axis=0, ddof=1),
+        by_gain=by_gain,
+        by_minute=by_minute,
+        quantities=quantities,
+        sd_before=np.array([np.sqrt(spread[at].mean()) for at in groups]),
         batch=batch,
         pairs=pairs,
+        goals=tuple(aim for aim in aims if aim is not None),
         about=beliefs.about,
         choices=wanted,
     )  # fmt: skip
@@ -198,18 +214,20 @@ def _refined(
 
     What is left of them would be ranked by numbers that mean little; tier 0 stays for them.
     """
-    wide = np.array([e.gain.high - e.gain.low > _WIDE for e in evaluated])
+    wide = np.array([e.gain.wide for e in evaluated])
     if not wide.any():
         return chosen, evaluated
     at = np.flatnonzero(wide)
     best = at[_promising(level[chosen[at]], minutes[chosen[at]], _MOST_REFINED)]
+    best = best[np.argsort(-level[chosen[best]], kind="stable")]
+    needed = np.cumsum([least_work(stage, evaluated[i].candidate) for i in best])
+    best = best[: max(_FEWEST_REFINED, int(np.searchsorted(needed, _WORK_REFINED)))]
+    share = _WORK_REFINED / len(best)
 
     def refine(i: int) -> Evaluated:
         done = evaluated[i]
-        finer = refined_gain(
-            stage, done.candidate, n_outer=_READINGS_REFINED, n_inner=_INNER_REFINED
-        )
-        return replace(done, gain=with_refined(done.gain, finer))
+        finer = refined_gain(stage, done.candidate, n_inner=_INNER_REFINED, most_work=share)
+        return replace(done, gain=with_refined(done.gain, finer).settled())
 
     finer = dict(
         zip(best.tolist(), _each(refine, best.tolist(), wanted.threads, told, "refining"),
@@ -219,13 +237,17 @@ def _refined(
     return chosen[kept], tuple(finer.get(i, evaluated[i]) for i in kept)
 
 
-def _common_terms(gains: Sequence[Gain]) -> Array:
-    """Contributions of the readings that all gains share, about the mean over all of each.
-
-    Tier 2 has fewer readings than tier 1.
-    """
+def _ranked(gains: Sequence[Gain], minutes: Array, seed: int, *, per_minute: bool) -> Ranking:
+    """By readings that all gains share, about the mean over all of each: tier 2 has fewer."""
     n = min(g.terms.size for g in gains)
-    return np.array([g.terms[:n] - g.terms[:n].mean() + g.eig for g in gains])
+    n_inner = max((g.inner.size for g in gains if g.inner is not None), default=1)
+    none = np.zeros(n_inner)
+    return rank(
+        np.array([g.terms[:n] - g.terms[:n].mean() + g.eig for g in gains]), minutes,
+        per_minute=per_minute, seed=seed,
+        inner=np.array([none if g.inner is None else g.inner for g in gains]),
+        reach=np.array([(g.eig - g.low, g.high - g.eig) if g.wide else (0.0, 0.0) for g in gains]),
+    )  # fmt: skip
 
 
 def _promising(level: Array, minutes: Array, most: int) -> NDArray[np.int64]:

@@ -47,6 +47,8 @@ class PlannedScan:
     new : ndarray of bool, shape (n_rows,)
     y : ndarray, shape (n_rows,)
         ln of the readings that there are.
+    key : tuple of int
+        `Candidate.geometry`.
     """
 
     polarization: str
@@ -55,6 +57,7 @@ class PlannedScan:
     scan: Index
     new: NDArray[np.bool_]
     y: Array
+    key: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +119,7 @@ def plan_scan(beliefs: Beliefs, candidate: Candidate, bright: NDArray[np.bool_])
         scan=scan[order],
         new=scan[order] == len(lengths) - 1,
         y=y[order],
+        key=candidate.geometry,
     )
 
 
@@ -161,8 +165,9 @@ def draw_scans(beliefs: Beliefs, planned: PlannedScan, law: RowLaw, *, seed: int
     law : RowLaw
         Of the sets that the scans are drawn from.
     seed : int
-        Set i has a generator of its own, the same for every candidate: differences between
-        candidates are then known better than their values.
+        Set i has a generator of its own at every geometry: given the parameters, noise,
+        discrepancy and gain of scans of different geometries are independent, and a batch adds up
+        their log-densities.
 
     Returns
     -------
@@ -175,7 +180,7 @@ def draw_scans(beliefs: Beliefs, planned: PlannedScan, law: RowLaw, *, seed: int
     new, theta_r = planned.new, planned.theta_r_deg
     n = int(new.sum())
     result = np.repeat(planned.y[:, None], len(law.sets), axis=1)
-    rngs = [np.random.default_rng([seed, 22, i]) for i in range(len(law.sets))]
+    rngs = [np.random.default_rng([seed, 22, *planned.key, i]) for i in range(len(law.sets))]
     noise = np.stack([rng.standard_normal(n) for rng in rngs])
     gain = u_cal * np.array([[rng.standard_normal()] for rng in rngs])
     processes = [

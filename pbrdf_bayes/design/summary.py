@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes import __version__
 from pbrdf_bayes.design.batches import Batch
-from pbrdf_bayes.design.candidates import Candidate
-from pbrdf_bayes.design.nested import Gain
+from pbrdf_bayes.design.candidates import Candidate, distinct_labels
+from pbrdf_bayes.design.for_goals import GoalRanking
+from pbrdf_bayes.design.nested import LEAST_DRAWS, Gain, difference
 from pbrdf_bayes.design.run import DesignResult
 from pbrdf_bayes.design.words import recommend
 
 Array = NDArray[np.float64]
+Labels = Mapping[Candidate, str]
 
 SCHEMA_VERSION = 1
-LEAST_DRAWS = 10.0
-"""Effective draws below which a standard deviation after the measurement is not told."""
 
 
 def summarise_design(result: DesignResult, run: Mapping[str, Any] | None) -> dict[str, Any]:
@@ -37,19 +37,20 @@ def summarise_design(result: DesignResult, run: Mapping[str, Any] | None) -> dic
         ``candidates`` holds the largest gain first; those that only the linear estimate screened
         come after all others, with None for what was not computed.
     """
-    columns = _columns(result.quantities)
+    labels = dict(zip(result.candidates, distinct_labels(result.candidates), strict=True))
     choices = result.choices
     found: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
         "version": __version__,
         "run": None if run is None else _run(run),
         "about": list(result.about),
-        "sd_before": {name: _rms(result.sd_before[at]) for name, at in columns.items()},
+        "sd_before": dict(zip(result.quantities, map(float, result.sd_before), strict=True)),
         "n_candidates": len(result.candidates),
         "n_evaluated": len(result.evaluated),
-        "candidates": [*_evaluated(result, columns), *_screened(result)],
-        "batch": _batch(result.batch) | {"budget_minutes": _or_none(choices.minutes)},
+        "candidates": [*_evaluated(result, labels), *_screened(result, labels)],
+        "batch": _batch(result.batch, labels) | {"budget_minutes": _or_none(choices.minutes)},
         "pairs": None,
+        "goals": [_goal(aim, result, labels) for aim in result.goals],
         "choices": {
             "n_outer": choices.n_outer, "n_inner": choices.n_inner,
             "n_nuisance": choices.n_nuisance, "batch": choices.batch,
@@ -60,8 +61,8 @@ def summarise_design(result: DesignResult, run: Mapping[str, Any] | None) -> dic
     if result.pairs is not None:
         pairs = result.pairs
         found["pairs"] = {
-            "best": _batch(pairs.best), "greedy": _batch(pairs.greedy), "gap_nats": pairs.gap,
-            "gap_se": pairs.gap_se, "n_compared": pairs.n_compared,
+            "best": _batch(pairs.best, labels), "greedy": _batch(pairs.greedy, labels),
+            "gap_nats": pairs.gap, "gap_se": pairs.gap_se, "n_compared": pairs.n_compared,
         }  # fmt: skip
     found["recommendation"] = "\n".join(recommend(found))
     return found
@@ -74,16 +75,15 @@ def _run(summary: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _evaluated(
-    result: DesignResult, columns: Mapping[str, NDArray[np.int64]]
-) -> list[dict[str, Any]]:
+def _evaluated(result: DesignResult, labels: Labels) -> list[dict[str, Any]]:
     by_gain, by_minute = result.by_gain, result.by_minute
     rows = []
     for i in np.argsort(-by_gain.value, kind="stable"):
         done = result.evaluated[i]
         gain, minutes, at = done.gain, done.candidate.minutes, result.chosen[i]
+        ratios = zip(result.quantities, *done.spread.sd_ratio(), strict=True)
         rows.append(
-            describe(done.candidate)
+            describe(done.candidate, labels[done.candidate])
             | {
                 "eig_nats": gain.eig,
                 "eig_se": gain.se,
@@ -101,8 +101,7 @@ def _evaluated(
                 "pareto": bool(by_gain.pareto[i]),
                 "repeat": bool(result.repeats[i]),
                 "sd_ratio": {
-                    name: _ratio(done.sd_ratio[at], done.sd_ratio_se[at], gain.ess)
-                    for name, at in columns.items()
+                    name: _ratio(float(ratio), float(se), gain.ess) for name, ratio, se in ratios
                 },
             }
         )
@@ -115,25 +114,25 @@ _NOT_COMPUTED = (
 )  # fmt: skip
 
 
-def _screened(result: DesignResult) -> list[dict[str, Any]]:
+def _screened(result: DesignResult, labels: Labels) -> list[dict[str, Any]]:
     left = np.setdiff1d(np.arange(len(result.candidates)), result.chosen)
     left = left[np.argsort(-result.linear[left], kind="stable")]
     return [
-        describe(result.candidates[i])
+        describe(result.candidates[i], labels[result.candidates[i]])
         | dict.fromkeys(_NOT_COMPUTED)
         | {"linear_nats": float(result.linear[i]), "linear_se": float(result.linear_se[i])}
         for i in left
     ]
 
 
-def describe(candidate: Candidate) -> dict[str, Any]:
+def describe(candidate: Candidate, label: str) -> dict[str, Any]:
     """Plain values of a candidate; the range of a scan, whose step is None where it varies."""
     angles = np.array(candidate.theta_r_deg)
     steps = np.diff(angles)
     even = steps.size > 0 and bool(np.allclose(steps, steps[0], rtol=0.0, atol=1e-5))
     step = (angles[-1] - angles[0]) / steps.size if even else None
     return {
-        "label": candidate.label,
+        "label": label,
         "quantity": candidate.quantity,
         "polarization": candidate.polarization,
         "theta_i_deg": candidate.theta_i_deg,
@@ -146,21 +145,21 @@ def describe(candidate: Candidate) -> dict[str, Any]:
     }
 
 
-def _batch(batch: Batch) -> dict[str, Any]:
+def _batch(batch: Batch, labels: Labels) -> dict[str, Any]:
     rows: list[dict[str, Any]] = []
     before: Gain | None = None
     spent = 0.0
     for member, gain in zip(batch.members, batch.gains, strict=True):
-        added = gain.terms - (0.0 if before is None else before.terms)
+        added, added_se = difference(gain, before)
         spent += member.candidate.minutes
         rows.append(
-            describe(member.candidate)
+            describe(member.candidate, labels[member.candidate])
             | {
                 "cumulative_minutes": spent,
                 "cumulative_nats": gain.eig,
                 "cumulative_se": gain.se,
-                "added_nats": float(added.mean()),
-                "added_se": float(added.std(ddof=1) / np.sqrt(added.size)),
+                "added_nats": added,
+                "added_se": added_se,
             }
         )
         before = gain
@@ -171,24 +170,44 @@ def _batch(batch: Batch) -> dict[str, Any]:
         "eig_low": max((gain.low for gain in batch.gains), default=0.0),  # more never tells less
         "eig_high": 0.0 if before is None else before.high,
         "minutes": batch.minutes,
+        "cut_short": batch.cut_short,
     }
 
 
-def _columns(names: tuple[str, ...]) -> dict[str, NDArray[np.int64]]:
-    """Columns of each quantity: a scan has several."""
-    return {name: np.flatnonzero(np.array(names) == name) for name in dict.fromkeys(names)}
+def _goal(aim: GoalRanking, result: DesignResult, labels: Labels) -> dict[str, Any]:
+    """Candidates by what they do for one prediction, the best first."""
+    rows = []
+    for i in np.argsort(-aim.reduction, kind="stable"):
+        candidate = result.evaluated[aim.members[i]].candidate
+        reduction, se, minutes = float(aim.reduction[i]), float(aim.se[i]), candidate.minutes
+        left = float(np.sqrt(max(1.0 - reduction, 0.0)))
+        rows.append(
+            {
+                "label": labels[candidate], "quantity": candidate.quantity, "minutes": minutes,
+                "reduction": reduction, "reduction_se": se,
+                "reduction_per_minute": reduction / minutes,
+                "reduction_per_minute_se": se / minutes,
+                "sd_ratio": left,
+                "sd_ratio_se": 0.5 * se / max(left, 1e-12),
+                "p_best": float(aim.by_measurement.p_best[i]),
+                "p_best_per_minute": float(aim.by_minute.p_best[i]),
+                "tied": bool(aim.by_measurement.tied[i]),
+                "tied_per_minute": bool(aim.by_minute.tied[i]),
+                "pareto": bool(aim.by_measurement.pareto[i]),
+            }
+        )  # fmt: skip
+    return {
+        "name": aim.name,
+        "sd_before": float(result.sd_before[result.quantities.index(aim.name)]),
+        "n_untold": len(result.evaluated) - len(rows),
+        "candidates": rows,
+    }
 
 
-def _ratio(ratio: Array, se: Array, ess: float) -> dict[str, float | None]:
-    """Of several columns the root mean square, with errors taken as common to all of them."""
-    value = _rms(ratio)
-    if ess < LEAST_DRAWS or not value > 0.0:
+def _ratio(ratio: float, se: float, ess: float) -> dict[str, float | None]:
+    if ess < LEAST_DRAWS or not ratio > 0.0:
         return {"ratio": None, "se": None}
-    return {"ratio": value, "se": float(np.mean(ratio * se) / value)}
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
+    return {"ratio": ratio, "se": se}
 
 
 def _or_none(value: float) -> float | None:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from itertools import groupby
 from typing import Any
 
+from pbrdf_bayes.design.nested import UNBOUNDED, WIDE
 from pbrdf_bayes.design.ranking import span_of_angles
 
 Record = Mapping[str, Any]
@@ -43,17 +44,21 @@ def recommend(design: Record) -> list[str]:
             f"{start}no candidate tells much more about {about}: the largest gain is "
             f"{_gain(best)} ({best['label']}, {minutes(best['minutes'])})."
         )
-        return [*said, _sentence(words)]
+        return [*said, _sentence(words), *(line for line in [_for_goals(design)] if line)]
     said.append(_sentence(start + _best(best, design, about)))
     others = [line for line in (_others(rows), _by_minute(rows)) if line]
     said += [" ".join(others)] if others else []
-    said += [line for line in (_together(design, best), _pair(design)) if line]
+    said += [line for line in (
+        _together(design, best), _pair(design), _for_goals(design), _of_ddr(design, rows)
+    ) if line]  # fmt: skip
     said.append("1 nat is a factor of 2.7 in the volume of what is plausible.")
     return said
 
 
 def worth(row: Record) -> bool:
     """Whether a gain is worth a measurement, and not chance of the calculation."""
+    if _bounded(row):
+        return bool(row["eig_low"] >= WORTH_NATS)
     return bool(row["eig_nats"] >= WORTH_NATS and row["eig_nats"] > _CLEAR * row["eig_se"])
 
 
@@ -97,13 +102,25 @@ def _sentence(text: str) -> str:
 
 
 def _nats(value: float) -> str:
-    sign = "+" if value >= 0.0 else "−"
-    return f"{sign}{abs(value):.1f}" if abs(value) >= 9.95 else f"{sign}{abs(value):.2f}"
+    """A gain: below 0 it is by chance of the calculation only."""
+    text = f"{max(value, 0.0):.1f}" if value >= 9.95 else f"{max(value, 0.0):.2f}"
+    return f"+{text}" if float(text) else text
+
+
+def _bounded(row: Record) -> bool:
+    """Whether little more than a lower bound of the gain is known."""
+    return bool(row["eig_high"] - row["eig_low"] > UNBOUNDED)
+
+
+def _wide(row: Record) -> bool:
+    return bool(row["eig_high"] - row["eig_low"] > WIDE_NATS)
 
 
 def _gain(row: Record) -> str:
     """A gain with its error, or with its bracket where that is wide."""
-    if row["eig_high"] - row["eig_low"] > WIDE_NATS:
+    if _bounded(row):
+        return f"at least {_nats(row['eig_low'])} nat"
+    if _wide(row):
         return f"between {_nats(row['eig_low'])} and {_nats(row['eig_high'])} nat"
     se = f"{row['eig_se']:.2f}" if row["eig_se"] >= 0.005 else "0.01"
     return f"{_nats(row['eig_nats'])} ± {se} nat"
@@ -117,8 +134,14 @@ def _best(best: Record, design: Record, about: str) -> str:
     words = (
         f"take the {best['label']} next ({minutes(best['minutes'])}): {_gain(best)} about {about}"
     )
-    wide = best["eig_high"] - best["eig_low"] > WIDE_NATS
-    words += "; more draws would narrow that (--draws)." if wide else "."
+    if _bounded(best):
+        words += (
+            ", the largest lower bound of all. So little is known that gains are only bounded, and "
+            "these bounds say little of their order."
+        )
+    else:
+        plain = _wide(best) and best["eig_high"] - best["eig_low"] <= WIDE
+        words += "; more draws would narrow that (--draws)." if plain else "."
     ratios = {name: found["ratio"] for name, found in best["sd_ratio"].items()}
     known = {name: ratio for name, ratio in ratios.items() if ratio is not None}
     inferred = [name for name in design["about"] if name in known]
@@ -131,7 +154,7 @@ def _best(best: Record, design: Record, about: str) -> str:
     else:
         words += (
             " So much is gained that few of the draws remain plausible after it: by how much each "
-            "parameter sharpens cannot be told from them, and the order of the best is rough."
+            "parameter sharpens cannot be told from them."
         )
     if best["repeat"]:
         words += " It repeats a geometry that has been measured: less noise there tells more."
@@ -148,7 +171,10 @@ def _others(rows: Sequence[Record]) -> str:
         groups = _groups(tied, rows)
         more = len(groups) - _MOST_GROUPS
         words = "; ".join(groups[:_MOST_GROUPS]) + (f"; and {more} more" if more > 0 else "")
-        return f"Not told apart from it by the calculation: {words}."
+        why = ", whose bounds overlap" if any(_bounded(row) for row in (best, *tied)) else ""
+        return f"Not told apart from it by the calculation{why}: {words}."
+    if _wide(best) or _wide(rest[0]):
+        return f"The next best, the {rest[0]['label']}, gives less: {_gain(rest[0])}."
     share = rest[0]["eig_nats"] / best["eig_nats"]
     if share < _CLOSE:
         return (
@@ -162,7 +188,8 @@ def _groups(tied: Sequence[Record], rows: Sequence[Record]) -> list[str]:
     """Tied candidates of one kind, neighbouring angles of incidence as a range."""
 
     def kind(row: Record) -> tuple[Any, ...]:
-        return row["quantity"], row["polarization"], row["port_deg"] or 0.0
+        rest = row["label"].replace(f"{row['theta_i_deg']:g}°", "", 1)
+        return row["quantity"], row["polarization"], row["port_deg"] or 0.0, rest
 
     first = kind(rows[0])
     ordered = sorted(tied, key=lambda row: (kind(row) != first, kind(row), row["theta_i_deg"]))
@@ -179,10 +206,15 @@ def _by_minute(rows: Sequence[Record]) -> str:
     best, first = rows[0], max(rows, key=lambda row: row["eig_per_minute"])
     if len(rows) == 1:
         return ""
+    if best["tied_per_minute"] and _bounded(best):
+        return ""
     if best["tied_per_minute"]:
         return "It is also the best for each minute."
     if not worth(first):
         return ""
+    if _bounded(best):
+        time = minutes(first["minutes"])
+        return f"For each minute the {first['label']} is best: {_gain(first)} in {time}."
     share, time = first["eig_nats"] / best["eig_nats"], first["minutes"] / best["minutes"]
     return (
         f"For each minute the {first['label']} is best: {_percent(share)} of that gain in "
@@ -193,15 +225,23 @@ def _by_minute(rows: Sequence[Record]) -> str:
 def _together(design: Record, best: Record) -> str:
     batch = design["batch"]
     members, budget = batch["members"], batch["budget_minutes"]
-    if not members or (budget is None and len(members) == 1):
+    if not members:
         return ""
+    stop = ""
+    if batch.get("cut_short"):
+        stop = (
+            "What to take after that cannot be told yet: too few of the draws would remain "
+            "plausible. Measure, fit and ask again."
+        )
+    if budget is None and len(members) == 1:
+        return stop
     start = "One after the other" if budget is None else f"With {minutes(budget)}"
     labels = ", then ".join(row["label"] for row in members)
     words = f"{start}: {labels}: {'together ' * (len(members) > 1)}{_gain(batch)} in "
     words += f"{minutes(batch['minutes'])}."
     if budget is not None and best["minutes"] > budget:
         words += f" The {best['label']} takes longer than that."
-    return words
+    return f"{words} {stop}".rstrip()
 
 
 def _pair(design: Record) -> str:
@@ -213,3 +253,35 @@ def _pair(design: Record) -> str:
         f"Of {pairs['n_compared']} pairs compared {names} tells most: "
         f"{pairs['gap_nats']:.2f} nat more than the two that are best one after the other."
     )
+
+
+def _for_goals(design: Record) -> str:
+    """The best candidate for each goal."""
+    words = [_for_goal(goal) for goal in design.get("goals", ())]
+    return f"Best for what you need: {'; '.join(words)}." if words else ""
+
+
+def _for_goal(goal: Record) -> str:
+    rows = goal["candidates"]
+    best, first = rows[0], max(rows, key=lambda row: row["reduction_per_minute"])
+    if best["reduction"] <= _CLEAR * best["reduction_se"]:
+        return f"nothing sharpens {goal['name']}"
+    tied = sum(row["tied"] for row in rows) - 1
+    words = f"for {goal['name']} the {best['label']} (standard deviation to "
+    words += _percent(best["sd_ratio"])
+    words += f", {tied} more not told apart)" if tied else ")"
+    if not best["tied_per_minute"]:
+        words += f" and for each minute the {first['label']}"
+    return words
+
+
+def _of_ddr(design: Record, rows: Sequence[Record]) -> str:
+    """A DDR can be planned, and its readings not be fitted."""
+    first = max(rows, key=lambda row: row["eig_per_minute"])
+    advised = [rows[0], first, *design["batch"]["members"]]
+    for goal in design.get("goals", ()):
+        ranked = goal["candidates"]
+        advised += [ranked[0], max(ranked, key=lambda row: row["reduction_per_minute"])]
+    if any(row["quantity"] == "ddr" for row in advised):
+        return "Note that fit does not take DDR readings yet."
+    return ""

@@ -49,6 +49,7 @@ def render_design(design: Mapping[str, Any]) -> str:
         kinds=kinds, rows=design_tables.candidate_rows(rows[:_SHOWN]),
         names=list(design["sd_before"]), about=design_tables.listed(design["about"]),
         plan=design_tables.plan_rows(design["batch"]), pairs=_pairs(design),
+        goals=design_tables.goal_tables(design),
         facts=_facts(design), repeats=any(r["repeat"] for r in rows),
         n_more=design["n_evaluated"] - min(_SHOWN, len(rows)),
         n_screened=design["n_candidates"] - design["n_evaluated"],

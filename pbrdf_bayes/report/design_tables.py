@@ -12,6 +12,12 @@ Record = Mapping[str, Any]
 _IN_REPORT = 5
 _BEST = {"tied": "gain", "tied_per_minute": "gain a minute"}
 """What a candidate is not beaten in, within the error of the calculation."""
+_BEST_FOR_GOAL = {
+    "tied": "reduction", "tied_per_minute": "reduction a minute", "pareto": "reduction and minutes",
+}  # fmt: skip
+_OF_GOAL = 5
+_UNBOUNDED = 1.0
+"""Bracket [nat] beyond which only its lower end is told."""
 
 
 def next_section(design: Record) -> dict[str, Any]:
@@ -45,7 +51,7 @@ def _candidate_row(row: Record, places: int, places_per_minute: int) -> dict[str
         "label": row["label"],
         "note": "measured before" if row["repeat"] else "",
         "minutes": number(row["minutes"]),
-        "gain": f"{fixed(row['eig_nats'], places)} ± {fixed(row['eig_se'], places)}",
+        "gain": _gain(row, places),
         "bracket": f"{fixed(row['eig_low'], places)} to {fixed(row['eig_high'], places)}",
         "per_minute": fixed(row["eig_per_minute"], places_per_minute),
         "p_best": _percent(row["p_best"]),
@@ -53,6 +59,48 @@ def _candidate_row(row: Record, places: int, places_per_minute: int) -> dict[str
         "best": ", ".join(best),
         "ratios": [_percent(ratio["ratio"]) for ratio in row["sd_ratio"].values()],
     }
+
+
+def _gain(row: Record, places: int) -> str:
+    """A gain with its error; its lower bound where no more is known."""
+    if row["eig_high"] - row["eig_low"] > _UNBOUNDED:
+        return f"at least {fixed(max(row['eig_low'], 0.0), 1)}"
+    return f"{fixed(row['eig_nats'], places)} ± {fixed(row['eig_se'], places)}"
+
+
+def goal_tables(design: Record) -> list[dict[str, Any]]:
+    """For each goal the candidates that sharpen it most, and the best one for each minute."""
+    return [_goal_table(goal) for goal in design.get("goals", ())]
+
+
+def _goal_table(goal: Record) -> dict[str, Any]:
+    rows = goal["candidates"]
+    first = max(rows, key=lambda row: row["reduction_per_minute"])
+    shown = [*rows[:_OF_GOAL], *([] if first in rows[:_OF_GOAL] else [first])]
+    return {
+        "name": goal["name"],
+        "rows": [_goal_row(row) for row in shown],
+        "n_more": len(rows) - len(shown),
+        "n_untold": goal["n_untold"],
+    }
+
+
+def _goal_row(row: Record) -> dict[str, str]:
+    best = [words for key, words in _BEST_FOR_GOAL.items() if row[key]]
+    return {
+        "label": row["label"],
+        "minutes": number(row["minutes"]),
+        "reduction": _with_error(row["reduction"], row["reduction_se"], 1),
+        "per_minute": _with_error(row["reduction_per_minute"], row["reduction_per_minute_se"], 2),
+        "left": _percent(row["sd_ratio"]),
+        "p_best": _percent(row["p_best"]),
+        "p_best_per_minute": _percent(row["p_best_per_minute"]),
+        "best": ", ".join(best),
+    }
+
+
+def _with_error(share: float, se: float, places: int) -> str:
+    return f"{fixed(100.0 * share, places)} ± {fixed(100.0 * se, places)}{THIN}%"
 
 
 def plan_rows(batch: Record) -> list[dict[str, str]]:

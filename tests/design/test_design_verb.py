@@ -17,6 +17,8 @@ from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.design.candidates import Costs
 from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.io.run_folder import load_analysis, locked, validate_design
+from pbrdf_bayes.terminal import counter
+from pbrdf_bayes.verbs_design import best_table
 
 pytestmark = pytest.mark.usefixtures("signals_as_before")
 FEW = ["--theta-i", "20,55", "--polarization", "s,p", "--draws", "60", "--quiet"]
@@ -84,6 +86,66 @@ def test_the_json_keeps_to_its_schema_and_to_the_contract(design: dict[str, Any]
     broken = design | {"about": []}
     with pytest.raises(RunFolderError, match="about"):
         validate_design(broken, where="x")
+
+
+def test_goals_are_ranked_as_a_utility(design: dict[str, Any], designed: Path) -> None:
+    """For each measurement and each minute, with errors, chances and front; shares of variance."""
+    assert [goal["name"] for goal in design["goals"]] == ["DHR_s(70°)", "scan f_p(60°)"]
+    ratios = {row["label"]: row["sd_ratio"] for row in design["candidates"]}
+    for goal in design["goals"]:
+        rows = goal["candidates"]
+        assert len(rows) + goal["n_untold"] == design["n_evaluated"]
+        reductions = [row["reduction"] for row in rows]
+        assert reductions == sorted(reductions, reverse=True)
+        assert goal["sd_before"] == pytest.approx(design["sd_before"][goal["name"]])
+        for kind in ("p_best", "p_best_per_minute"):
+            assert sum(row[kind] for row in rows) == pytest.approx(1.0)
+        assert rows[0]["tied"]
+        assert rows[0]["pareto"]
+        for row in rows:
+            assert row["reduction_per_minute"] == pytest.approx(row["reduction"] / row["minutes"])
+            assert row["reduction"] == pytest.approx(1.0 - row["sd_ratio"] ** 2)
+            left = ratios[row["label"]][goal["name"]]
+            assert row["sd_ratio"] == pytest.approx(left["ratio"])
+            assert row["sd_ratio_se"] == pytest.approx(left["se"])
+            better = [r for r in rows if r["minutes"] <= row["minutes"]]
+            assert row["pareto"] == (row["reduction"] >= max(r["reduction"] for r in better))
+    best = design["goals"][0]["candidates"][0]["label"]
+    assert f"for DHR_s(70°) the {best} (standard deviation to" in design["recommendation"]
+    page = (designed / "design.html").read_text(encoding="utf-8")
+    assert "What you need" in page
+    assert "Candidates for DHR_s(70°)" in page
+
+
+def test_a_design_without_goals_has_a_page(design: dict[str, Any]) -> None:
+    from pbrdf_bayes.report.design_page import render_design
+
+    older = {key: value for key, value in design.items() if key != "goals"}
+    validate_design(older, where="older.json")
+    assert "What you need" not in render_design(older)
+
+
+def test_a_gain_that_is_only_bounded_is_told_as_such(design: dict[str, Any]) -> None:
+    from pbrdf_bayes.report.design_page import render_design
+
+    first, *rest = design["candidates"]
+    bounded = first | {"eig_nats": 11.5, "eig_low": 11.5, "eig_high": 34.1}
+    page = render_design(design | {"candidates": [bounded, *rest]})
+    assert "at least 11.5" in page
+    assert ">= 11.500" in best_table(design | {"candidates": [bounded, *rest]})
+
+
+def test_progress_at_every_tenth_of_a_stage(capsys: pytest.CaptureFixture[str]) -> None:
+    """Where stderr is no terminal."""
+    told = counter(quiet=False, interrupted=lambda: False)
+    for done in range(1, 163):
+        told("simulating", done, 162)
+    for done in range(1, 4):
+        told("refining", done, 3)
+    lines = capsys.readouterr().err.splitlines()
+    counts = [int(line.split()[1].split("/")[0]) for line in lines if "simulating" in line]
+    assert counts == [1, 17, 33, 49, 65, 81, 98, 114, 130, 146, 162]
+    assert sum("refining" in line for line in lines) == 3
 
 
 def test_default_costs_are_those_of_the_records(design: dict[str, Any]) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 from pbrdf_bayes.design.ranking import span_of_angles
 from pbrdf_bayes.design.words import recommend
+from pbrdf_bayes.verbs_design import best_table
 
 RUN = {
     "sample": "a", "wavelength_um": 3.39, "created_utc": "x", "verdict": "PASS", "seed": 1,
@@ -122,16 +123,86 @@ def test_before_any_reading() -> None:
 
 
 def test_a_wide_bracket_is_told_instead_of_the_middle() -> None:
-    said = recommend(design(row("p scan", 55.0, 5.0, eig_low=4.6, eig_high=5.4)))[0]
-    assert "between +4.60 and +5.40 nat about n and k; more draws would narrow that" in said
+    best = row("p scan", 55.0, 5.0, eig_low=4.88, eig_high=5.12)
+    said = recommend(design(best))[0]
+    assert "between +4.88 and +5.12 nat about n and k; more draws would narrow that" in said
+    best = row("p scan", 55.0, 5.0, eig_low=4.6, eig_high=5.4)  # of draws made for the readings
+    assert "between +4.60 and +5.40 nat about n and k." in recommend(design(best))[0]
+    said = " ".join(recommend(design(best, row("p scan", 50.0, 1.0))))
+    assert "The next best, the p scan at 50°, gives less: +1.00 ± 0.01 nat." in said
+    assert "comes close" not in said
 
 
 def test_where_few_draws_remain_no_standard_deviation_is_told() -> None:
     nothing = {"n": {"ratio": None, "se": None}, "k": {"ratio": None, "se": None}}
     said = recommend(design(row("p scan", 55.0, 9.0, eig_low=5.0, eig_high=13.0, sd_ratio=nothing)))
-    assert "between +5.00 and +13.0 nat" in said[0]
+    assert "between" not in said[0]
     assert "few of the draws remain plausible" in said[0]
     assert "%" not in said[0]
+
+
+def test_no_more_than_a_lower_bound_is_told_where_no_more_is_known() -> None:
+    best = row("p scan", 60.0, 11.5, eig_low=11.5, eig_high=34.1, eig_se=6.0, tied=True)
+    best |= {"tied_per_minute": True}
+    other = row("s scan", 60.0, 8.0, eig_low=8.0, eig_high=20.0, tied=True)
+    batch = design()["batch"] | {"members": [best], "cut_short": True}
+    said = " ".join(recommend(design(best, other, run=None, batch=batch)))
+    assert "take the p scan at 60° next (18 min): at least +11.5 nat about n and k" in said
+    assert "the largest lower bound of all. So little is known that gains are only bounded" in said
+    assert "whose bounds overlap: s scan at 60°." in said
+    assert "What to take after that cannot be told yet" in said
+    assert not [claim for claim in ("34.1", "comes close", "together", "100 %") if claim in said]
+
+
+def test_no_zero_has_a_sign_and_no_gain_is_below_it() -> None:
+    for eig in (-0.002, -0.04, 0.0):
+        weak = row("p scan", 55.0, eig, eig_low=eig - 0.01, eig_high=eig + 0.01)
+        assert "the largest gain is 0.00 ± 0.01 nat" in recommend(design(weak))[0]
+    shown = weak | {"eig_nats": -1e-5, "eig_per_minute": -1e-7, "p_best": 1.0}
+    assert "-0.0" not in best_table(design(shown, sd_before={"n": 0.1}))
+
+
+def goal_row(label: str, reduction: float, minutes: float = 18.0, **other: Any) -> dict[str, Any]:
+    return {
+        "label": label, "quantity": "brdf" if "scan" in label else label[:3].lower(),
+        "minutes": minutes, "reduction": reduction, "reduction_se": 0.01,
+        "reduction_per_minute": reduction / minutes, "sd_ratio": (1.0 - reduction) ** 0.5,
+        "tied": False, "tied_per_minute": False,
+    } | other  # fmt: skip
+
+
+def test_the_best_for_each_goal_is_named() -> None:
+    scan = goal_row("p scan at 60°", 0.84, tied=True)
+    near = goal_row("p scan at 65°", 0.83, tied=True)
+    dhr = goal_row("DHR_p at 70°", 0.5, minutes=3.0, tied_per_minute=True)
+    goals = [
+        {"name": "DHR_p(70°)", "candidates": [scan, near, dhr]},
+        {"name": "f_s(60°, 10°)", "candidates": [goal_row("p scan at 60°", 0.01)]},
+    ]
+    said = recommend(design(BEST, goals=goals))
+    assert (
+        "Best for what you need: for DHR_p(70°) the p scan at 60° (standard deviation to 40 %, 1 "
+        "more not told apart) and for each minute the DHR_p at 70°; nothing sharpens "
+        "f_s(60°, 10°)."
+    ) in said
+
+
+def test_a_ddr_is_recommended_with_what_fit_does_of_it() -> None:
+    words = "Note that fit does not take DDR readings yet."
+    assert words in recommend(design(row("DDR_p", 55.0, 0.64)))
+    assert words not in recommend(design(BEST, row("DDR_p", 55.0, 0.1)))
+    goals = [{"name": "DHR_p(70°)", "candidates": [goal_row("DDR_p at 70°", 0.5)]}]
+    assert words in recommend(design(BEST, goals=goals))
+
+
+def test_candidates_of_other_ranges_are_no_neighbours() -> None:
+    """Labels that say the range of the scan are grouped by it."""
+    tied = [
+        row("p scan", a, 0.63, tied=True) | {"label": f"p scan at {a:g}°, 0 to 60° in 7 readings"}
+        for a in (60.0, 65.0)
+    ]
+    said = " ".join(recommend(design(BEST, *tied)))
+    assert "calculation: p scan at 60 and 65°, 0 to 60° in 7 readings." in said
 
 
 def test_a_repeat_is_told() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pbrdf_bayes.design.fisher import linear_gain
-from pbrdf_bayes.design.nested import PairTable, expected_gain, expected_sd_ratio
+from pbrdf_bayes.design.nested import PairTable, expected_gain, expected_spread
 
 N_ABOUT, N_ALL, N_READINGS = 2, 4, 3
 
@@ -163,7 +163,7 @@ def test_expected_standard_deviations() -> None:
     table = PairTable(law.log_density(y, own[:, None])[:, 0], law.log_density(y, inner[None]))
     weights = expected_gain(table, keep_weights=True).weights
     assert weights is not None
-    ratio, error = expected_sd_ratio(weights, own, inner)
+    ratio, error = expected_spread(weights, own, inner).sd_ratio()
     s, a = law.covariance, law.a
     of_y = a @ s @ a.T + law.noise2 * np.eye(N_READINGS)
     after = np.diag(s - s @ a.T @ np.linalg.solve(of_y, a @ s))

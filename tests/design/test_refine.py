@@ -9,7 +9,8 @@ import pbrdf_bayes as pb
 from pbrdf_bayes.design.beliefs import beliefs_of_prior
 from pbrdf_bayes.design.candidates import Candidate
 from pbrdf_bayes.design.evaluate import evaluate, set_stage
-from pbrdf_bayes.design.refine import _log_norm, _terms, refined_gain
+from pbrdf_bayes.design.ranking import rank
+from pbrdf_bayes.design.refine import _log_norm, _terms, refined_gain, work_of
 from pbrdf_bayes.design.run import DesignChoices, design_measurements
 from pbrdf_bayes.design.summary import summarise_design
 
@@ -32,7 +33,7 @@ def test_a_normal_reading_of_normal_parameters(noise: float) -> None:
         level = 7.0 + np.log(2.0 * np.pi)
         start = rng.standard_normal((400, 2))
         at_own = float(likelihood(own[None])[0])
-        low, high, _ = _terms(of, start, own, at_own, level, 400, rng)
+        low, high, _, _ = _terms(of, start, own, at_own, level, 400, rng)
         found.append((low, high))
         of_y = -0.5 * (reading**2 / (1.0 + noise**2) + np.log(1.0 + noise**2))
         spread = noise**2 / (1.0 + noise**2)  # E over x | y of ln p(y | x)
@@ -96,5 +97,36 @@ def test_a_design_with_wide_brackets_from_end_to_end() -> None:
     by_label = {row["label"]: row for row in found["candidates"]}
     assert by_label["p scan at 60°"]["eig_nats"] > by_label["DHR_s at 30°"]["eig_nats"] > 0.5
     assert found["candidates"][0]["label"] == "p scan at 60°"
-    assert result.pairs is not None
-    assert len(result.pairs.best.members) == 2
+    assert found["batch"]["cut_short"]
+    assert [row["label"] for row in found["batch"]["members"]] == ["p scan at 60°"]
+    assert found["batch"]["eig_nats"] == found["candidates"][0]["eig_nats"]
+    assert result.pairs is None
+    assert "What to take after that cannot be told yet" in found["recommendation"]
+
+
+def test_work_is_bounded_by_a_count() -> None:
+    """Readings stop once the sets evaluated reach the budget; a machine's speed has no say."""
+    candidate = Candidate("dhr", "s", 30.0, 3.0)
+    beliefs = beliefs_of_prior(pb.RunConfig(), [candidate], n_draws=1000, seed=1)
+    stage = set_stage(beliefs, n_outer=60, n_inner=400, n_nuisance=64, seed=2)
+    each = work_of(stage, candidate)
+    few = refined_gain(stage, candidate, n_inner=100, most_work=1.0)
+    assert few.terms.size == 8
+    more = refined_gain(stage, candidate, n_inner=100, most_work=400_000.0 * each)
+    assert 8 < more.terms.size < 40
+    assert more.terms[:8].tolist() == few.terms.tolist()
+
+
+def test_candidates_with_wide_brackets_are_ranked_by_their_overlap() -> None:
+    """Bounds 5 to 30 and 4 to 9 overlap, 1 to 1.1 lies below both."""
+    terms = np.array([[4.9, 5.1, 5.0], [3.9, 4.1, 4.0], [0.9, 1.1, 1.0]])
+    reach = np.array([[0.0, 25.0], [0.0, 5.0], [0.0, 0.0]])
+    minutes = np.array([10.0, 10.0, 1.0])
+    known = rank(terms, minutes, per_minute=False, seed=1)
+    assert known.p_best.tolist() == [1.0, 0.0, 0.0]
+    found = rank(terms, minutes, per_minute=False, seed=1, reach=reach)
+    assert found.tied.tolist() == [True, True, False]
+    assert found.p_best.tolist() == [0.5, 0.5, 0.0]
+    apart = rank(terms, minutes, per_minute=False, seed=1, reach=0.02 * reach)
+    assert apart.tied.tolist() == [True, False, False]
+    assert apart.p_best.tolist() == [1.0, 0.0, 0.0]
