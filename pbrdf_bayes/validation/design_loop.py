@@ -148,13 +148,13 @@ def _readings(beliefs: Beliefs, candidate: Candidate, sets: DrawnSets, seed: int
         planned = plan_scan(beliefs, candidate, everything)
         brdf, _ = beliefs.posterior.predict(sets.x, planned.geometry)
         law = law_of_rows(beliefs, planned, sets, brdf)
-        kind = round(candidate.theta_i_deg * 10) + 10_000 * "spu".index(candidate.polarization)
-        y = draw_scans(beliefs, planned, law, seed=seed + kind)[planned.new, 0]
+        y = draw_scans(beliefs, planned, law, seed=seed)[planned.new, 0]
         return [float(v) for v in np.exp(y)]
     value = hemispherical_values(beliefs.posterior, candidate, sets.x)
     gain = gain_law(beliefs, candidate.polarization, sets)
     seeds = (seed, 52, "spu".index(candidate.polarization))
-    return [float(draw_hemispherical(value, gain, sets, seed=seeds)[0])]
+    read = draw_hemispherical(value, gain, sets, seed=seeds, key=candidate.geometry)
+    return [float(read[0])]
 
 
 def _columns(m: Measurement) -> dict[str, Any]:

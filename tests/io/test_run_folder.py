@@ -479,5 +479,5 @@ def test_whatever_a_damaged_file_makes_the_reader_raise_is_one_error(
         raise raised("no attribute")
 
     monkeypatch.setattr(run_folder.xr, "open_datatree", fail)
-    with pytest.raises(RunFolderError, match="damaged .*Fit again into another folder"):
+    with pytest.raises(RunFolderError, match=r"damaged .*Fit again into another folder"):
         load_analysis(finished_run)
