@@ -55,6 +55,8 @@ SIGNIFICANT = 3.0
 SPIKE_SD = 10.0
 SPIKE_DEX = 0.15
 MIN_POINTS = 5
+_SAME = 9
+"""Decimals [dex] to which deviations are compared."""
 SPECULAR_WITHIN_DEG = 2.5
 DHR_WITHIN_DEG = 10.0
 MIN_LOBE_WIDTH_DEG = 1.0
@@ -169,7 +171,8 @@ def _check_repeatability(measurement: Measurement) -> DataCheck:
     spread = float(np.sqrt(np.mean(deviation**2)))
     several = np.unique(scan)
     means = [float(np.mean(deviation[scan == index])) for index in several]
-    worst = int(np.argmax(np.abs(means)))
+    largest = np.round(np.abs(means), _SAME)
+    worst = int(np.flatnonzero(largest == largest.max())[-1])  # of two alike the later one
     label = measurement.scans[several[worst]].label
     statement = (
         f"{deviation.size} repeated readings agree to {spread:.3f} dex "

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from pbrdf_bayes.errors import DataError
 from pbrdf_bayes.measurement import (
+    MOST_SCANS,
     measurement_from_columns,
     name_direction,
     name_half_plane,
@@ -73,10 +74,12 @@ def test_repeated_geometries_keep_the_order_of_the_file():
 
 
 def test_many_scan_labels():
-    rows = [("brdf", "s", 0.0, 5.0, 1.0, 0.0, f"{i:05d}") for i in range(40_000)]
+    rows = [("brdf", "s", 0.0, 5.0, 1.0, 0.0, f"{i:05d}") for i in range(MOST_SCANS)]
     m = build(rows[::-1])
     assert [scan.label for scan in m.scans[:2]] == ["s 0 deg 00000", "s 0 deg 00001"]
-    assert len(m.scans) == 40_000
+    assert len(m.scans) == MOST_SCANS
+    with pytest.raises(DataError, match=r"10001 scans in one sample \(allowed: up to 10000\)"):
+        build([*rows, ("brdf", "s", 0.0, 5.0, 1.0, 0.0, "one more")])
 
 
 def test_uncertainty_of_repeats_is_that_of_their_mean():

@@ -393,7 +393,10 @@ def test_the_instrument_is_there_when_asked_for():
     ("changes", "message"),
     [
         ({"theta_i_deg": (20.0, 95.0)}, r"theta_i_deg = 95\.0 .* \[0, 89\.95\]"),
-        ({"theta_r_deg": (float("nan"),)}, r"theta_r_deg = nan \(not a finite"),
+        (
+            {"theta_r_deg": (float("nan"),)},
+            r"theta_r_deg: nan is not a finite number: give degrees",
+        ),
         ({"dhr_theta_i_deg": (-5.0,)}, r"dhr_theta_i_deg = -5\.0 .* \[0, 89\.95\]"),
         ({"effects": {"lambrt": 0.1}}, r"effects\.lambrt is not known\. Did you mean 'lambert'"),
         ({"effects": {"leakage": 0.01}}, r"effects\.leakage .* instrument = true"),
