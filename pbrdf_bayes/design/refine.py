@@ -46,6 +46,8 @@ _GOOD_SHARE, _SETTLED = 0.3, 4
 """Effective share of a round that is enough, and rounds without tempering that must be."""
 _TURNS, _FEWEST_LEFT = 3, 8.0
 """Adapted anew with rounds of twice the size where fewer effective draws are left."""
+_MOST_CLIMBS, _APART = 4, 1.5
+"""Climbs to the highest peak, and how far they begin from each other, in standard deviations."""
 _COMPONENTS = 3
 _WIDENING, _LAST_WIDENING = 1.3, 1.1
 _FEWEST = 5.0
@@ -227,27 +229,31 @@ def _terms(
     rng: np.random.Generator,
 ) -> tuple[float, float, float, int]:  # fmt: skip
     """Both estimates of ln p(y | own) - ln p(y), effective draws, and sets evaluated."""
-    spent = 0
+    spent = 1
+    density_at_own = of(own[None])[0][0]
+    least = density_at_own + own_likelihood
     for turn in range(_TURNS):
-        mixture, more = _adapted(of, start, rng, _ROUND_SIZE * 2**turn)
+        mixture, more = _adapted(of, start, least, rng, _ROUND_SIZE * 2**turn)
         z = mixture.sample(rng, n)
         density, likelihood = of(z)
         spent += more + n
         share = density - level - mixture.log_density(z)
         if effective_size((share + likelihood)[np.isfinite(share)]) >= _FEWEST_LEFT:
             break
-    at_own = of(own[None])[0][0] - level - mixture.log_density(own[None])[0]
+    at_own = density_at_own - level - mixture.log_density(own[None])[0]
     log_p = np.append(likelihood, own_likelihood)[None]
     low, high, weights = bracket(log_p, np.append(share, at_own)[None], np.ones(log_p.shape))
-    return float(low[0]), float(high[0]), float(1.0 / np.sum(weights**2)), spent + 1
+    return float(low[0]), float(high[0]), float(1.0 / np.sum(weights**2)), spent
 
 
-def _adapted(of: Density, start: Array, rng: np.random.Generator, size: int) -> tuple[Mixture, int]:
+def _adapted(
+    of: Density, start: Array, least: float, rng: np.random.Generator, size: int
+) -> tuple[Mixture, int]:
     """A t mixture like the law after the reading, from draws of the law before it.
 
     In rounds of so many draws; with the number of sets evaluated.
     """
-    first, spent = _first(of, start, rng)
+    first, spent = _first(of, start, least, rng)
     proposals = [first]
     drawn: list[Array] = []
     values: list[Array] = []
@@ -275,20 +281,36 @@ def _adapted(of: Density, start: Array, rng: np.random.Generator, size: int) -> 
     return fitted.widened(_LAST_WIDENING), spent
 
 
-def _first(of: Density, start: Array, rng: np.random.Generator) -> tuple[Mixture, int]:
-    """About the peak above the best of the draws; with the number of sets evaluated."""
+def _first(
+    of: Density, start: Array, least: float, rng: np.random.Generator
+) -> tuple[Mixture, int]:
+    """About the highest peak above the draws; with the number of sets evaluated.
+
+    A peak below ``least``, the height at the set that the reading came from, is not the highest
+    one: there are more climbs then, from the best draws away from where the others began.
+    """
     density, likelihood = of(start)
     usable = np.isfinite(density)
     points, log_weights = start[usable], likelihood[usable]
-    peak = peak_of(
-        lambda z: np.add(*of(z)), points[np.argmax(density[usable] + log_weights)],
-        points.std(axis=0),
-    )  # fmt: skip
-    if peak is None:
-        return _fitted(points, log_weights, 1, rng)[0], len(start)
-    centre, covariance, spent = peak
-    factor = np.asarray(_WIDENING * np.linalg.cholesky(covariance), dtype=np.float64)
-    return Mixture(centre[None], factor[None], np.ones(1)), len(start) + spent
+    scale = points.std(axis=0)
+    height, spent = density[usable] + log_weights, len(start)
+    best: tuple[float, Array, Array] | None = None
+    for _ in range(_MOST_CLIMBS):
+        begin = points[np.argmax(height)]
+        if (peak := peak_of(lambda z: np.add(*of(z)), begin, scale)) is not None:
+            centre, covariance, more = peak
+            top = float(np.add(*of(centre[None]))[0])
+            spent += more + 1
+            if best is None or top > best[0]:
+                best = top, centre, covariance
+            if top >= least:
+                break
+        near = np.linalg.norm((points - begin) / scale, axis=1) < _APART
+        height = np.where(near, -np.inf, height)
+    if best is None:
+        return _fitted(points, log_weights, 1, rng)[0], spent
+    factor = np.asarray(_WIDENING * np.linalg.cholesky(best[2]), dtype=np.float64)
+    return Mixture(best[1][None], factor[None], np.ones(1)), spent
 
 
 def _fitted(
