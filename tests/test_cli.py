@@ -204,7 +204,7 @@ def test_check_takes_the_floor_from_the_command_line_or_the_configuration(
     (here / "low.csv").write_text(HEADER + ROW.format(1) + "a,3.39,brdf,s,20,2,-1e-7\n", "utf-8")
     (here / "c.toml").write_text("brdf_floor = 1e-6\n", encoding="utf-8")
     assert run("check", "low.csv") == 2
-    assert "check: --brdf-floor; fit: brdf_floor in the --config file" in capsys.readouterr().out
+    assert "brdf_floor in the file of --config, or check --brdf-floor" in capsys.readouterr().out
     assert run("check", "low.csv", "--brdf-floor", "1e-6") == 0
     assert run("check", "low.csv", "--config", "c.toml") == 0
     assert run("check", "low.csv", "--config", "c.toml", "--brdf-floor", "0") == 2

@@ -20,7 +20,6 @@ _NOT_DECISIVE = ("threads", "max_steps")
 _COLUMNS = (
     "polarization", "theta_i_deg", "theta_r_deg", "phi_r_deg", "value", "u_value", "repeated",
 )  # fmt: skip
-_ADVICE_ON_FILES = "check: --brdf-floor; fit: brdf_floor in the --config file"
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +100,7 @@ def _jobs_of(file: Path, brdf_floor: float) -> list[Job]:
     try:
         content = read_samples(file, brdf_floor=brdf_floor)
     except DataError as error:
-        return [Job(file.name, str(file), error=_for_a_batch(str(error)))]
+        return [Job(file.name, str(file), error=str(error))]
     return [*_good(file, content), *_bad(file, content)]
 
 
@@ -115,12 +114,7 @@ def _first_line(m: Measurement) -> int:
 
 
 def _bad(file: Path, content: TidyFile) -> list[Job]:
-    return [Job(name, str(file), error=_for_a_batch(text)) for name, text in content.errors.items()]
-
-
-def _for_a_batch(error: str) -> str:
-    """The text without advice on verbs that have options which this one has not."""
-    return error.replace(_ADVICE_ON_FILES, "brdf_floor in the file of --config")
+    return [Job(name, str(file), error=text) for name, text in content.errors.items()]
 
 
 def _digest(m: Measurement) -> str:

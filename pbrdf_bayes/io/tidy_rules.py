@@ -140,8 +140,8 @@ _BRDF_ABOVE_ZERO = NumberRule(
     high=inf,
     above_low=True,
     allowed="> 0 sr^-1",
-    remedy="Give the instrument's noise floor (check: --brdf-floor; fit: brdf_floor in the "
-    "--config file) so that the reading is treated as censored, or flag the row.",
+    remedy="Give the instrument's noise floor (brdf_floor in the file of --config, or check "
+    "--brdf-floor) so that the reading is treated as censored, or flag the row.",
 )
 _BRDF_WITH_FLOOR = NumberRule(
     column="value",

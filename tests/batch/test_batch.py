@@ -132,7 +132,9 @@ def test_every_sample_has_a_row(finished):
             assert record["mean"] == run["parameters"][name]["mean"]
     errors = {row["sample"]: row["error"] for row in rows if row["status"] == "failed"}
     assert "column value" in errors["bad"]
-    assert "noise floor (brdf_floor in the file of --config)" in errors["bad"]
+    assert (
+        "noise floor (brdf_floor in the file of --config, or check --brdf-floor)" in errors["bad"]
+    )
     assert "check:" not in errors["bad"]
     assert "no such file" in errors["absent.csv"]
 

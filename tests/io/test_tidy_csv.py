@@ -107,7 +107,7 @@ def test_accepted_without_a_warning(write, content):
 
 
 REMEDY = (
-    "noise floor (check: --brdf-floor; fit: brdf_floor in the --config file) so that the reading is "
+    "noise floor (brdf_floor in the file of --config, or check --brdf-floor) so that the reading is "
     "treated as censored, or flag the row"
 )
 
