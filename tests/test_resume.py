@@ -42,14 +42,23 @@ UNFINISHED = RESULTS | {CHECKPOINT}
 """Of a run that ended at max_steps: it can be gone on with."""
 EXPLORED, KEPT = 150, 100
 CONFIG = f"holdout = false\nn_walkers = 16\nmax_steps = {KEPT}\nthreads = {{}}\n"
+PIECE = 5
+"""Steps from one stored state to the next in the processes that are killed."""
 RESTLESS = f"""
-import sys
+import sys, time
 from pbrdf_bayes.inference import ensembles, sampling
 from pbrdf_bayes.io import checkpoint
+last = int(sys.argv.pop(1))
+advance = ensembles.advance
+def halting(posterior, state, *others):
+    while state.n_steps + (0 if state.exploring else {EXPLORED}) >= last:
+        time.sleep(0.05)
+    return advance(posterior, state, *others)
+ensembles.advance = halting
+ensembles._steps_of_a_piece = lambda state: {PIECE}
 checkpoint.EVERY_SECONDS = 0.0
-ensembles._PIECE_SECONDS = 0.2
 sampling._EXPLORED_STEPS = {EXPLORED}
-sys.argv = ["pbrdf-bayes", *sys.argv[1:]]
+sys.argv[0] = "pbrdf-bayes"
 from pbrdf_bayes.cli import run_program
 run_program()
 """
@@ -99,12 +108,17 @@ def whole(inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class Fit:
-    """A fit in a process of its own that stores every state."""
+    """A fit in a process of its own that stores every state.
 
-    def __init__(self, inputs: Path, folder: Path) -> None:
-        self.folder = folder
+    It halts, alive, two pieces after the step that is waited for: however late the signal comes,
+    it does not find a fit that has ended.
+    """
+
+    def __init__(self, inputs: Path, folder: Path, n_steps: int) -> None:
+        self.folder, self.n_steps = folder, n_steps
+        arguments = fit_arguments(inputs, folder, "--resume")
         self.process = subprocess.Popen(
-            [sys.executable, "-c", RESTLESS, *fit_arguments(inputs, folder, "--resume")],
+            [sys.executable, "-c", RESTLESS, str(n_steps + 2 * PIECE), *arguments],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
 
@@ -115,9 +129,10 @@ class Fit:
         self.process.kill()
         self.process.communicate()
 
-    def wait_for(self, n_steps: int) -> None:
+    def wait(self) -> None:
+        """Until the checkpoint holds the step."""
         deadline = time.monotonic() + 240.0
-        while steps_in(self.folder) < n_steps:
+        while steps_in(self.folder) < self.n_steps:
             assert self.process.poll() is None, self.process.communicate()
             assert time.monotonic() < deadline
             time.sleep(0.1)
@@ -143,8 +158,8 @@ def killed(inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[int, 
     root = tmp_path_factory.mktemp("killed")
     copies = {}
     for percent in (20, 50, 80):
-        with Fit(inputs, root / "run") as fit:
-            fit.wait_for((EXPLORED + KEPT) * percent // 100)
+        with Fit(inputs, root / "run", (EXPLORED + KEPT) * percent // 100) as fit:
+            fit.wait()
             assert fit.end(signal.SIGKILL)[0] == -signal.SIGKILL
         copies[percent] = Path(shutil.copytree(root / "run", root / str(percent)))
     return copies
@@ -186,8 +201,8 @@ def test_sigterm_is_an_interrupt_and_a_second_process_is_refused(
     killed: dict[int, Path], whole: Path, inputs: Path, tmp_path: Path, capsys: Any
 ) -> None:
     folder = Path(shutil.copytree(killed[20], tmp_path / "run"))
-    with Fit(inputs, folder) as fit:
-        fit.wait_for(steps_in(folder) + 1)
+    with Fit(inputs, folder, steps_in(folder) + 1) as fit:
+        fit.wait()
         assert resumed(inputs, folder) == 2
         assert "another process is writing this run" in capsys.readouterr().err
         code, told = fit.end(signal.SIGTERM)
