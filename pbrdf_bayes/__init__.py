@@ -9,7 +9,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pbrdf_bayes.assessment import assess_conformity
     from pbrdf_bayes.batch.run import fit_batch
     from pbrdf_bayes.config import RunConfig
     from pbrdf_bayes.data_checks import check_measurement
@@ -33,7 +32,6 @@ if TYPE_CHECKING:
     from pbrdf_bayes.io.tidy_csv import read_measurement, write_tidy_csv
     from pbrdf_bayes.measurement import Measurement
     from pbrdf_bayes.model import Parameters, brdf, dhr, normalisation_error, reciprocity_ratio
-    from pbrdf_bayes.next_measurement import design_next
     from pbrdf_bayes.polarimetry import (
         angle_of_linear_polarization_deg,
         degree_of_linear_polarization,
@@ -46,7 +44,9 @@ if TYPE_CHECKING:
     from pbrdf_bayes.scene_prediction import predict_scene
     from pbrdf_bayes.scenes import Scene
     from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
-    from pbrdf_bayes.workflow import fit
+    from pbrdf_bayes.workflow.assessment import assess_conformity
+    from pbrdf_bayes.workflow.fitting import fit
+    from pbrdf_bayes.workflow.next_measurement import design_next
 
 __version__ = "0.1.0"
 
@@ -70,15 +70,15 @@ _HOME = {
     "RunFolderError": "errors",
     "Scene": "scenes",
     "angle_of_linear_polarization_deg": "polarimetry",
-    "assess_conformity": "assessment",
+    "assess_conformity": "workflow.assessment",
     "brdf": "model",
     "build_posterior": "inference.posterior",
     "check_measurement": "data_checks",
     "ddr": "diffuse_directional",
     "degree_of_linear_polarization": "polarimetry",
-    "design_next": "next_measurement",
+    "design_next": "workflow.next_measurement",
     "dhr": "model",
-    "fit": "workflow",
+    "fit": "workflow.fitting",
     "fit_batch": "batch.run",
     "load_analysis": "io.run_folder",
     "mueller": "polarimetry",

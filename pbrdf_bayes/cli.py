@@ -16,12 +16,19 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from pbrdf_bayes import __version__
-from pbrdf_bayes.arguments import BAD_INPUT, DONE, INTERRUPTED, interrupted
 from pbrdf_bayes.errors import PbrdfError
-from pbrdf_bayes.verbs import add_bench, add_check, add_fit, add_predict, add_report, add_simulate
-from pbrdf_bayes.verbs_batch import add_batch
-from pbrdf_bayes.verbs_conform import add_conform
-from pbrdf_bayes.verbs_design import add_design
+from pbrdf_bayes.verbs.arguments import BAD_INPUT, DONE, INTERRUPTED, interrupted
+from pbrdf_bayes.verbs.batch import add_batch
+from pbrdf_bayes.verbs.conform import add_conform
+from pbrdf_bayes.verbs.design import add_design
+from pbrdf_bayes.verbs.one_sample import (
+    add_bench,
+    add_check,
+    add_fit,
+    add_predict,
+    add_report,
+    add_simulate,
+)
 
 _SIGNED = ("--theta-i", "--theta-r", "--dhr-theta-i", "--phi-r")
 _EPILOG = """\

@@ -18,7 +18,7 @@ import pytest
 import pbrdf_bayes as pb
 from pbrdf_bayes.compile_ahead import WITH_EFFECTS, compile_ahead
 from pbrdf_bayes.io.print_pdf import BROWSERS
-from pbrdf_bayes.workflow import fit_file
+from pbrdf_bayes.workflow.fitting import fit_file
 
 collect_ignore = ["reference/generate_shaped.py"]  # a script: imports the one beside it
 

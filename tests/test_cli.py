@@ -26,7 +26,7 @@ import xarray as xr
 import pbrdf_bayes as pb
 from pbrdf_bayes.cli import main
 from pbrdf_bayes.io.run_folder import load_analysis
-from pbrdf_bayes.prediction import COLUMNS
+from pbrdf_bayes.workflow.prediction import COLUMNS
 
 pytestmark = pytest.mark.usefixtures("signals_as_before")
 
@@ -483,12 +483,12 @@ def test_an_interrupted_fit_leaves_nothing_half(
 def test_an_interrupt_inside_the_process_is_130(
     here: Path, small_csv: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from pbrdf_bayes import workflow
+    from pbrdf_bayes.workflow import fitting
 
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(workflow, "find_map", interrupt)
+    monkeypatch.setattr(fitting, "find_map", interrupt)
     assert run("fit", small_csv, "--out", "run", "--quiet") == 130
     assert "interrupted" in capsys.readouterr().err
     assert results_in(here / "run") == set()
@@ -955,6 +955,6 @@ def test_an_interrupt_that_compiled_code_turned_into_an_error_is_still_one(
             msg = "returned a result with an exception set"
             raise SystemError(msg) from None
 
-    monkeypatch.setattr("pbrdf_bayes.checking.describe_file", compiled_code)
+    monkeypatch.setattr("pbrdf_bayes.workflow.checking.describe_file", compiled_code)
     assert run("check", "any.csv") == 130
     assert "interrupted" in capsys.readouterr().err

@@ -10,7 +10,7 @@ import pytest
 import pbrdf_bayes as pb
 from pbrdf_bayes.cli import main
 from pbrdf_bayes.effects import effects_of_fit
-from pbrdf_bayes.parameters_json import read_parameters
+from pbrdf_bayes.workflow.parameters_json import read_parameters
 
 pytestmark = pytest.mark.usefixtures("signals_as_before")
 

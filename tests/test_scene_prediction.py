@@ -15,8 +15,8 @@ from pbrdf_bayes.axial import axial_quantiles, mirrored
 from pbrdf_bayes.effects import Effects
 from pbrdf_bayes.inference.bands import Targets
 from pbrdf_bayes.io.run_folder import load_analysis
-from pbrdf_bayes.prediction import predict_from_analysis
 from pbrdf_bayes.scenes import Scene
+from pbrdf_bayes.workflow.prediction import predict_from_analysis
 
 GREEN = pb.GREEN_PAINT
 PLANE = tuple(np.linspace(-85.0, 85.0, 35).tolist())

@@ -25,9 +25,9 @@ from pbrdf_bayes.document import Document
 from pbrdf_bayes.errors import ClusterError, ConfigError, PbrdfError
 from pbrdf_bayes.inference.posterior import build_posterior
 from pbrdf_bayes.io.run_folder import locked, refuse_other_content
-from pbrdf_bayes.paperwork import Paperwork
 from pbrdf_bayes.specification import Specification
-from pbrdf_bayes.workflow import DEFAULT_SEED
+from pbrdf_bayes.workflow.fitting import DEFAULT_SEED
+from pbrdf_bayes.workflow.paperwork import Paperwork
 
 _INDEX_EVERY = 5.0
 _LOOK_EVERY = 0.5

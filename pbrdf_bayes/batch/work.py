@@ -17,8 +17,8 @@ from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.errors import PbrdfError, RunFolderError
 from pbrdf_bayes.io.checkpoint import has_checkpoints, remove_checkpoints_of_other_files
 from pbrdf_bayes.io.run_folder import is_finished, load_summary, locked
-from pbrdf_bayes.paperwork import Paperwork, amend_folder
-from pbrdf_bayes.workflow import Observer, fit_into
+from pbrdf_bayes.workflow.fitting import Observer, fit_into
+from pbrdf_bayes.workflow.paperwork import Paperwork, amend_folder
 
 ONE_THREAD = dict.fromkeys(
     (

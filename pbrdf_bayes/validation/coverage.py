@@ -30,7 +30,7 @@ from pbrdf_bayes.validation.experiments import (
     smooth,
 )
 from pbrdf_bayes.validation.line_shape import cauchy_log_ratio
-from pbrdf_bayes.workflow import fit
+from pbrdf_bayes.workflow.fitting import fit
 
 Array = NDArray[np.float64]
 

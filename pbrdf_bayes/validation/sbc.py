@@ -22,7 +22,7 @@ from pbrdf_bayes.inference.parameters import PHYSICAL
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
 from pbrdf_bayes.model import Parameters, brdf, dhr
 from pbrdf_bayes.validation.experiments import Layout, draw_readings
-from pbrdf_bayes.workflow import fit
+from pbrdf_bayes.workflow.fitting import fit
 
 Array = NDArray[np.float64]
 

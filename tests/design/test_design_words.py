@@ -6,7 +6,7 @@ from typing import Any
 
 from pbrdf_bayes.design.ranking import span_of_angles
 from pbrdf_bayes.design.words import recommend
-from pbrdf_bayes.verbs_design import best_table
+from pbrdf_bayes.verbs.design import best_table
 
 RUN = {
     "sample": "a", "wavelength_um": 3.39, "created_utc": "x", "verdict": "PASS", "seed": 1,

@@ -37,7 +37,6 @@ from inputs import (
     TOML_BYTES,
 )
 
-from pbrdf_bayes.candidates_csv import read_candidates
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.design.candidates import Costs
 from pbrdf_bayes.errors import PbrdfError
@@ -47,12 +46,13 @@ from pbrdf_bayes.io.document_toml import read_document
 from pbrdf_bayes.io.limits_toml import read_limits
 from pbrdf_bayes.io.scene_toml import read_scene
 from pbrdf_bayes.io.tidy_csv import read_samples, write_tidy_csv
-from pbrdf_bayes.parameters_json import read_parameters
-from pbrdf_bayes.prediction import predict_table
 from pbrdf_bayes.scene_prediction import predict_scene
 from pbrdf_bayes.scenes import Scene
 from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
-from pbrdf_bayes.workflow import fit_file
+from pbrdf_bayes.workflow.candidates_csv import read_candidates
+from pbrdf_bayes.workflow.fitting import fit_file
+from pbrdf_bayes.workflow.parameters_json import read_parameters
+from pbrdf_bayes.workflow.prediction import predict_table
 
 _HANG_SECONDS = 5.0
 _AT_ONCE = 500

@@ -20,7 +20,7 @@ from pbrdf_bayes.inference.sampling import Draws
 from pbrdf_bayes.inference.verdicts import CONTRACTION_WARN, FAIL, WARN, overall_verdict
 from pbrdf_bayes.io.config_toml import config_table
 from pbrdf_bayes.results import SCHEMA_VERSION
-from pbrdf_bayes.stages import Stages
+from pbrdf_bayes.workflow.stages import Stages
 
 _PACKAGES = (
     "numpy", "scipy", "numba", "emcee", "nlopt", "arviz-stats", "xarray", "matplotlib",

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from pbrdf_bayes.arguments import (
+from pbrdf_bayes.verbs.arguments import (
     DONE,
     STRICT_FAIL,
     add_choices,
@@ -15,7 +15,7 @@ from pbrdf_bayes.arguments import (
     effects,
     interrupted,
 )
-from pbrdf_bayes.verbs_conform import add_paperwork, paperwork_of
+from pbrdf_bayes.verbs.conform import add_paperwork, paperwork_of
 
 _EPILOG = """\
 Every sample of every file gets a run folder in DIR, named after it and a hash of its readings,

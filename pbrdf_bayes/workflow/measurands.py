@@ -32,7 +32,7 @@ from pbrdf_bayes.physics.scene import EffectValues
 from pbrdf_bayes.results import Analysis, draws_of_run
 from pbrdf_bayes.scene_prediction import DrawnModel
 from pbrdf_bayes.specification import Limit
-from pbrdf_bayes.tree import posterior_of
+from pbrdf_bayes.workflow.tree import posterior_of
 
 Array = NDArray[np.float64]
 Key = tuple[float, float, str]

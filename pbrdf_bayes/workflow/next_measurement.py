@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pbrdf_bayes.candidates_csv import Wanted, list_wanted
 from pbrdf_bayes.config import AUTO, RunConfig
 from pbrdf_bayes.design.beliefs import Beliefs, beliefs_of_prior, beliefs_of_run
 from pbrdf_bayes.design.candidates import Candidate, Costs
@@ -16,7 +15,8 @@ from pbrdf_bayes.design.summary import summarise_design
 from pbrdf_bayes.design.words import minutes as in_minutes
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.results import Analysis, draws_of_run
-from pbrdf_bayes.tree import measurement_of, posterior_of
+from pbrdf_bayes.workflow.candidates_csv import Wanted, list_wanted
+from pbrdf_bayes.workflow.tree import measurement_of, posterior_of
 
 Told = Callable[[str, int, int], None]
 

@@ -6,7 +6,6 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pbrdf_bayes.assessment import assess_conformity, check_specification
 from pbrdf_bayes.document import Document
 from pbrdf_bayes.errors import ConfigError, RunFolderError
 from pbrdf_bayes.io import run_folder
@@ -14,6 +13,7 @@ from pbrdf_bayes.io.print_pdf import find_browser, print_pdf
 from pbrdf_bayes.report.page import render_report
 from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.specification import Specification
+from pbrdf_bayes.workflow.assessment import assess_conformity, check_specification
 
 
 @dataclass(frozen=True)

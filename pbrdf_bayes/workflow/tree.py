@@ -20,7 +20,7 @@ from pbrdf_bayes.inference.scan_widths import ScanWidths
 from pbrdf_bayes.io.config_toml import config_from_table
 from pbrdf_bayes.measurement import Measurement, measurement_from_columns
 from pbrdf_bayes.results import QUANTILES, Analysis
-from pbrdf_bayes.stages import Stages
+from pbrdf_bayes.workflow.stages import Stages
 
 Array = NDArray[np.float64]
 

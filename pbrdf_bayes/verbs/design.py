@@ -10,8 +10,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from pbrdf_bayes.arguments import DONE, add_verb, angles, grid, interrupted, seed, words
 from pbrdf_bayes.errors import ConfigError
+from pbrdf_bayes.verbs.arguments import DONE, add_verb, angles, grid, interrupted, seed, words
 
 _BEST_SHOWN = 10
 _UNBOUNDED = 1.0
@@ -166,12 +166,12 @@ def _design(options: argparse.Namespace) -> int:
     if (options.folder is None) == (options.config is None):
         msg = "give a run folder, or --config TOML to design from its priors; not both"
         raise ConfigError(msg)
-    from pbrdf_bayes.candidates_csv import Wanted, parse_kinds
     from pbrdf_bayes.design.candidates import Costs
-    from pbrdf_bayes.design_files import DesignRequest, run_design
     from pbrdf_bayes.io.config_toml import read_config
-    from pbrdf_bayes.next_measurement import choices_of
-    from pbrdf_bayes.terminal import counter
+    from pbrdf_bayes.verbs.terminal import counter
+    from pbrdf_bayes.workflow.candidates_csv import Wanted, parse_kinds
+    from pbrdf_bayes.workflow.design_files import DesignRequest, run_design
+    from pbrdf_bayes.workflow.next_measurement import choices_of
 
     kinds, csv = parse_kinds(options.candidates)
     wanted = Wanted(

@@ -20,7 +20,7 @@ from pbrdf_bayes.inference.posterior import Posterior, build_posterior
 from pbrdf_bayes.io.checkpoint import Checkpoints, has_checkpoints, remove_checkpoints
 from pbrdf_bayes.io.config_toml import config_table
 from pbrdf_bayes.io.run_folder import finite_only, load_summary, locked, refuse_difference
-from pbrdf_bayes.summary import versions
+from pbrdf_bayes.workflow.summary import versions
 
 _DECISIVE = ("pbrdf-bayes", "numpy", "scipy", "numba", "emcee", "nlopt", "arviz-stats")
 """Packages another version of which may draw something else."""

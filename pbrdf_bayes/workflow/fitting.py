@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.compile_ahead import WITH_EFFECTS, compile_ahead, likelihood_to_compile
 from pbrdf_bayes.config import ACCURACIES, AUTO, RunConfig
-from pbrdf_bayes.curves import count_covered, predict_curves, predict_dhr
 from pbrdf_bayes.data_checks import DataCheck, check_measurement
 from pbrdf_bayes.inference.applicability import (
     find_repeatability,
@@ -56,10 +55,11 @@ from pbrdf_bayes.io.checkpoint import Checkpoints, open_checkpoints, remove_chec
 from pbrdf_bayes.io.config_toml import config_to_toml
 from pbrdf_bayes.io.tidy_csv import read_measurement
 from pbrdf_bayes.measurement import Measurement
-from pbrdf_bayes.paperwork import Paperwork, amend_folder, complete, write_pdf
 from pbrdf_bayes.report.page import render_report
 from pbrdf_bayes.results import N_BAND_DRAWS, Analysis
-from pbrdf_bayes.resume import (
+from pbrdf_bayes.workflow.curves import count_covered, predict_curves, predict_dhr
+from pbrdf_bayes.workflow.paperwork import Paperwork, amend_folder, complete, write_pdf
+from pbrdf_bayes.workflow.resume import (
     as_finished,
     can_walk_on,
     finished_summary,
@@ -68,9 +68,9 @@ from pbrdf_bayes.resume import (
     run_identity,
     stage_checkpoint,
 )
-from pbrdf_bayes.stages import Stages
-from pbrdf_bayes.summary import summarise
-from pbrdf_bayes.tree import build_tree
+from pbrdf_bayes.workflow.stages import Stages
+from pbrdf_bayes.workflow.summary import summarise
+from pbrdf_bayes.workflow.tree import build_tree
 
 Array = NDArray[np.float64]
 

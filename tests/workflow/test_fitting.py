@@ -16,19 +16,19 @@ from arviz_stats import ess, rhat
 from arviz_stats import summary as arviz_summary
 
 import pbrdf_bayes as pb
-from pbrdf_bayes.curves import angles_between
 from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.inference.bands import Targets
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.io.run_folder import finite_only, load_analysis, save_analysis, validate_summary
 from pbrdf_bayes.measurement import select_scans
-from pbrdf_bayes.paperwork import Paperwork, amend_folder
-from pbrdf_bayes.prediction import predict_from_analysis
 from pbrdf_bayes.results import QUANTILES, Analysis
-from pbrdf_bayes.workflow import (
+from pbrdf_bayes.workflow.curves import angles_between
+from pbrdf_bayes.workflow.fitting import (
     Observer,
     fit_file,
 )
+from pbrdf_bayes.workflow.paperwork import Paperwork, amend_folder
+from pbrdf_bayes.workflow.prediction import predict_from_analysis
 
 NAMES = ["n", "k", "sigma_n0", "rho0", "s_rel_s", "s_rel_p", "tau", "ell_deg", "u_dhr"]
 DRAFT = pb.RunConfig(accuracy="draft")

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 
 from pbrdf_bayes.inference.sampling import Progress
-from pbrdf_bayes.workflow import Observer
+from pbrdf_bayes.workflow.fitting import Observer
 
 _BAR = 24
 

@@ -15,7 +15,6 @@ import pytest
 from scipy.stats import norm
 
 import pbrdf_bayes as pb
-from pbrdf_bayes.assessment import assess_conformity
 from pbrdf_bayes.cli import main
 from pbrdf_bayes.document import Document
 from pbrdf_bayes.errors import ConfigError
@@ -23,11 +22,12 @@ from pbrdf_bayes.io.document_toml import read_document
 from pbrdf_bayes.io.limits_toml import read_limits, specification_from_table
 from pbrdf_bayes.io.print_pdf import find_browser, print_pdf
 from pbrdf_bayes.io.run_folder import load_analysis
-from pbrdf_bayes.measurands import draw_measurands, sample_of
 from pbrdf_bayes.report import render_report
 from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.specification import DecisionRule, Limit, Specification
-from pbrdf_bayes.workflow import fit_file
+from pbrdf_bayes.workflow.assessment import assess_conformity
+from pbrdf_bayes.workflow.fitting import fit_file
+from pbrdf_bayes.workflow.measurands import draw_measurands, sample_of
 
 pytestmark = pytest.mark.usefixtures("signals_as_before")
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from pbrdf_bayes.candidates_csv import Wanted
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.design.run import DesignChoices
 from pbrdf_bayes.io.run_folder import (
@@ -22,8 +21,9 @@ from pbrdf_bayes.io.run_folder import (
     validate_design,
     write_text,
 )
-from pbrdf_bayes.next_measurement import Told, answer, ask
 from pbrdf_bayes.results import Analysis
+from pbrdf_bayes.workflow.candidates_csv import Wanted
+from pbrdf_bayes.workflow.next_measurement import Told, answer, ask
 
 PAGE, PLAN = "design.html", "measurement_plan.csv"
 COLUMNS = (

@@ -16,7 +16,7 @@ from pbrdf_bayes.io.run_folder import load_analysis
 from pbrdf_bayes.model import Parameters, brdf, check_directions, dhr, digits_of
 from pbrdf_bayes.reciprocity import reciprocal_brdf
 from pbrdf_bayes.results import N_BAND_DRAWS, Analysis, drawn_sets
-from pbrdf_bayes.tree import posterior_of
+from pbrdf_bayes.workflow.tree import posterior_of
 
 Array = NDArray[np.float64]
 

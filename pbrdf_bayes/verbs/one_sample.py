@@ -10,7 +10,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from pbrdf_bayes.arguments import (
+from pbrdf_bayes.errors import ConfigError, ConvergenceError
+from pbrdf_bayes.verbs.arguments import (
     BAD_INPUT,
     DONE,
     NOT_CONVERGED,
@@ -24,8 +25,7 @@ from pbrdf_bayes.arguments import (
     seed,
     words,
 )
-from pbrdf_bayes.errors import ConfigError, ConvergenceError
-from pbrdf_bayes.verbs_conform import add_paperwork, paperwork_of
+from pbrdf_bayes.verbs.conform import add_paperwork, paperwork_of
 
 _OF_SCENE = ("theta_i", "theta_r", "polarization", "dhr_theta_i", "phi_r", "normalisation")
 _STDOUT = Path("-")
@@ -131,8 +131,8 @@ def _add_angles(parser: argparse.ArgumentParser, *, theta_r: str) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
-    from pbrdf_bayes.checking import describe_file
     from pbrdf_bayes.io.config_toml import read_config
+    from pbrdf_bayes.workflow.checking import describe_file
 
     config = read_config(options.config, {"brdf_floor": options.brdf_floor})
     text, clean = describe_file(options.csv, brdf_floor=config.brdf_floor)
@@ -142,8 +142,8 @@ def _check(options: argparse.Namespace) -> int:
 
 def _fit(options: argparse.Namespace) -> int:
     from pbrdf_bayes.io.config_toml import read_config
-    from pbrdf_bayes.terminal import observer
-    from pbrdf_bayes.workflow import fit_file
+    from pbrdf_bayes.verbs.terminal import observer
+    from pbrdf_bayes.workflow.fitting import fit_file
 
     config = read_config(
         options.config, {"accuracy": options.accuracy, "effects": effects(options.effects)}
@@ -166,15 +166,15 @@ def _fit(options: argparse.Namespace) -> int:
 
 
 def _report(options: argparse.Namespace) -> int:
-    from pbrdf_bayes.paperwork import amend_folder
+    from pbrdf_bayes.workflow.paperwork import amend_folder
 
     print(amend_folder(options.folder, paperwork_of(options)))
     return DONE
 
 
 def _predict(options: argparse.Namespace) -> int:
-    from pbrdf_bayes.parameters_json import read_parameters
-    from pbrdf_bayes.prediction import predict_table
+    from pbrdf_bayes.workflow.parameters_json import read_parameters
+    from pbrdf_bayes.workflow.prediction import predict_table
 
     if (options.folder is None) == (options.params is None):
         msg = "give either a run folder or --params, not both and not neither"
@@ -193,7 +193,7 @@ def _predict(options: argparse.Namespace) -> int:
 
 
 def _predict_scene(options: argparse.Namespace, parameters: Any, effects: Any) -> int:
-    from pbrdf_bayes.scene_files import scene_text, write_scene
+    from pbrdf_bayes.workflow.scene_files import scene_text, write_scene
 
     for name, default in options.defaults.items():
         if getattr(options, name) != default:
@@ -222,8 +222,8 @@ def _write_out(text: str, out: Path | None) -> None:
 
 def _simulate(options: argparse.Namespace) -> int:
     from pbrdf_bayes.io.tidy_csv import write_tidy_csv
-    from pbrdf_bayes.parameters_json import read_parameters
     from pbrdf_bayes.simulate import simulate_measurement
+    from pbrdf_bayes.workflow.parameters_json import read_parameters
 
     parameters, effects = read_parameters(options.params)
     measurement = simulate_measurement(

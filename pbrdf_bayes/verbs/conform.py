@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pbrdf_bayes.arguments import DONE, STRICT_FAIL, add_verb
+from pbrdf_bayes.verbs.arguments import DONE, STRICT_FAIL, add_verb
 
 _EPILOG = """\
 limits.toml (angles in degrees: a number, a list, or "LO:HI:STEP"; measured or not):
@@ -90,7 +90,7 @@ def paperwork_of(options: argparse.Namespace) -> Any:
     """
     from pbrdf_bayes.io.document_toml import read_document
     from pbrdf_bayes.io.limits_toml import read_limits
-    from pbrdf_bayes.paperwork import Paperwork
+    from pbrdf_bayes.workflow.paperwork import Paperwork
 
     limits = getattr(options, "limits", None)
     wanted = Paperwork(
@@ -105,10 +105,10 @@ def paperwork_of(options: argparse.Namespace) -> Any:
 def _conform(options: argparse.Namespace) -> int:
     from dataclasses import replace
 
-    from pbrdf_bayes.assessment import assess_conformity
     from pbrdf_bayes.io.limits_toml import read_limits
     from pbrdf_bayes.io.run_folder import load_analysis, write_text
-    from pbrdf_bayes.paperwork import store
+    from pbrdf_bayes.workflow.assessment import assess_conformity
+    from pbrdf_bayes.workflow.paperwork import store
 
     specification = read_limits(options.limits)
     analysis = load_analysis(options.folder)

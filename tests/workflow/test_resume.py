@@ -24,12 +24,12 @@ import pytest
 import xarray as xr
 
 import pbrdf_bayes as pb
-from pbrdf_bayes import resume
 from pbrdf_bayes.cli import main
 from pbrdf_bayes.inference import sampling
 from pbrdf_bayes.io.checkpoint import read_checkpoint
 from pbrdf_bayes.io.run_folder import load_analysis
-from pbrdf_bayes.workflow import fit_file
+from pbrdf_bayes.workflow import resume
+from pbrdf_bayes.workflow.fitting import fit_file
 
 pytestmark = [
     pytest.mark.skipif(os.name == "nt", reason="POSIX signals and limits"),
@@ -396,7 +396,7 @@ def test_a_finished_run_that_chose_its_effects_does_not_choose_again(
     def choose(*_: object, **__: object) -> None:
         pytest.fail("chosen once more")
 
-    monkeypatch.setattr("pbrdf_bayes.workflow.choose_effects", choose)
+    monkeypatch.setattr("pbrdf_bayes.workflow.fitting.choose_effects", choose)
     assert fit_file(csv, config, out=out, seed=1, resume=True) == first
     with pytest.raises(pb.RunFolderError, match="not empty"):
         fit_file(csv, config, out=out, seed=1)

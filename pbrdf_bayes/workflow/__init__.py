@@ -1,0 +1,1 @@
+"""The stages from a file to a report, a prediction, a verdict or a plan; knows all other parts."""
