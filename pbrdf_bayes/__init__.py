@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from pbrdf_bayes.workflow.assessment import assess_conformity
     from pbrdf_bayes.workflow.fitting import fit
     from pbrdf_bayes.workflow.next_measurement import design_next
+    from pbrdf_bayes.workflow.spectral_scene import predict_spectral_scene
 
 __version__ = "0.1.0"
 
@@ -84,6 +85,7 @@ _HOME = {
     "mueller": "polarimetry",
     "normalisation_error": "model",
     "predict_scene": "scene_prediction",
+    "predict_spectral_scene": "workflow.spectral_scene",
     "read_document": "io.document_toml",
     "read_limits": "io.limits_toml",
     "read_measurement": "io.tidy_csv",
@@ -131,6 +133,7 @@ __all__ = [
     "mueller",
     "normalisation_error",
     "predict_scene",
+    "predict_spectral_scene",
     "read_document",
     "read_limits",
     "read_measurement",

@@ -66,6 +66,8 @@ class DrawnModel:
         Correct decimal digits of the normalisation.
     source : mapping
         Where the parameters come from, as text by name.
+    wavelength_um : float or None
+        That the parameters are of [um].
     """
 
     x: Array
@@ -74,6 +76,7 @@ class DrawnModel:
     fresnel_at: str
     digits: float
     source: Mapping[str, str]
+    wavelength_um: float | None = None
 
     def without(self, left_out: tuple[str, ...]) -> DrawnModel:
         """The same model without the effects of these columns."""
@@ -119,7 +122,8 @@ def predict_scene(
     ------
     ConfigError
         When effects are given beside a run, are not known, or are those of the instrument in a
-        scene without ``instrument``; when the scene has another wavelength than the run.
+        scene without ``instrument``; when the scene has another wavelength than the run, or
+        several.
     DomainError
         When an angle, an effect or the tolerance is out of range, or the sample would reflect more
         than it receives.
@@ -147,6 +151,12 @@ def predict_scene(
     [0.003834 0.013491 0.025692]
     """
     _check_angles(scene)
+    if len(scene.wavelength_um) > 1:
+        msg = (
+            f"wavelength_um has {len(scene.wavelength_um)} values: parameters belong to one "
+            "wavelength. Give one, or a run of each"
+        )
+        raise ConfigError(msg)
     if isinstance(model, Analysis):
         if effects is not None or scene.effects:
             msg = "effects: a run has its own. Leave them out, or give parameters instead of a run"
@@ -167,7 +177,7 @@ def compute_scene(drawn: DrawnModel, scene: Scene) -> SceneValues:
     return SceneValues(
         scene=scene, quantiles=QUANTILES if len(drawn.x) > 1 else (0.5,), brdf=brdf,
         dhr=_dhr(drawn, scene) if scene.dhr_theta_i_deg else None, stokes=stokes, dolp=dolp,
-        aolp_deg=aolp, source=drawn.source,
+        aolp_deg=aolp, wavelength_um=drawn.wavelength_um, source=drawn.source,
     )  # fmt: skip
 
 
@@ -179,13 +189,19 @@ def _check_angles(scene: Scene) -> None:
 
 
 def _check_wavelength(analysis: Analysis, scene: Scene) -> None:
-    of_run, asked = float(analysis.summary["wavelength_um"]), scene.wavelength_um
-    if asked is not None and not isclose(asked, of_run, rel_tol=1e-6):
-        msg = (
-            f"wavelength_um = {asked:g} is not that of the run, {of_run:g}: parameters belong to "
-            "one wavelength. Give a run at this wavelength, or leave the key out"
-        )
-        raise ConfigError(msg)
+    of_run = float(analysis.summary["wavelength_um"])
+    for asked in scene.wavelength_um:
+        if not same_wavelength(asked, of_run):
+            msg = (
+                f"wavelength_um = {asked:g} is not that of the run, {of_run:g}: parameters belong "
+                "to one wavelength. Give a run at this wavelength, or leave the key out"
+            )
+            raise ConfigError(msg)
+
+
+def same_wavelength(a: float, b: float) -> bool:
+    """Two texts of one wavelength [um]."""
+    return isclose(a, b, rel_tol=1e-6)
 
 
 def _on_top(effects: Effects | None, scene: Scene) -> Effects:
@@ -212,9 +228,7 @@ def _of_parameters(
     text |= {name: f"{added[name]:.10g}" for name in found.names if name in added}
     text |= {name: word for name, word in shape.items() if word != getattr(Effects(), name)}
     source = {"parameters": ", ".join(f"{k} = {v}" for k, v in text.items())}
-    if scene.wavelength_um is not None:
-        source["wavelength_um"] = f"{scene.wavelength_um:g}"
-    return replace(found, source=source)
+    return replace(found, source=source, wavelength_um=next(iter(scene.wavelength_um), None))
 
 
 def _of_run(analysis: Analysis, scene: Scene) -> DrawnModel:
@@ -225,7 +239,6 @@ def _of_run(analysis: Analysis, scene: Scene) -> DrawnModel:
     config = summary["config"]
     source = {
         "sample": str(summary["sample"]),
-        "wavelength_um": f"{summary['wavelength_um']:g}",
         "model": str(summary["model"]),
         "verdict": str(summary["verdict"]),
         "seed": str(summary["seed"]),
@@ -236,7 +249,7 @@ def _of_run(analysis: Analysis, scene: Scene) -> DrawnModel:
         source["applicability"] = str(judged["statement"])
     found = DrawnModel(
         x, names, config["line_shape"], config["fresnel_at"],
-        digits_of(ACCURACIES[config["accuracy"]].rtol), source,
+        digits_of(ACCURACIES[config["accuracy"]].rtol), source, float(summary["wavelength_um"]),
     )  # fmt: skip
     return found if scene.instrument else found.without(INSTRUMENT_FIELDS)
 

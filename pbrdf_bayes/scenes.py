@@ -34,7 +34,7 @@ a scene file (angles in degrees: a list, or "LO:HI:STEP"; what is not asked for 
   phi_r_deg = "0:180:5"             # without it a scan in plane, theta_r_deg with sign
   polarizations = ["s", "p", "u"]
   dhr_theta_i_deg = "0:85:5"
-  wavelength_um = 3.39              # has to be that of the run; may be left out
+  wavelength_um = [0.65, 3.39]      # one, or several with a run of each; left out: all runs given
   stokes_incident = "u"             # Stokes components of the light scattered from it
   depolarisation = 0.1              # share of it that is depolarised
   instrument = false                # with the effects of the instrument
@@ -76,9 +76,9 @@ class Scene:
         Fields of `pbrdf_bayes.Effects` by name, beside given parameters; a run has its own.
     instrument : bool
         With the effects of the instrument: what it would read, and not what the sample does.
-    wavelength_um : float or None
-        Of the scene [um]; a run has to be of the same one. Parameters belong to one wavelength: a
-        scene at several takes a run each.
+    wavelength_um : tuple of float
+        Of the scene [um], increasing; empty for that of the run. Parameters belong to one
+        wavelength: a scene at several takes a run of each, see `predict_spectral_scene`.
     n_draws : int
         Posterior draws that the bands of a run are made of, [10, 4000].
 
@@ -104,7 +104,7 @@ class Scene:
     depolarisation: float = 0.0
     effects: Mapping[str, Any] = field(default_factory=dict)
     instrument: bool = False
-    wavelength_um: float | None = None
+    wavelength_um: tuple[float, ...] = ()
     n_draws: int = 400
 
     def __post_init__(self) -> None:
@@ -115,8 +115,9 @@ class Scene:
         _words("phase", (self.phase,), PHASES)
         _number("depolarisation", self.depolarisation, 0.0, 1.0)
         _number("n_draws", self.n_draws, *DRAWS, whole=True)
-        if self.wavelength_um is not None:
-            _number("wavelength_um", self.wavelength_um, *WAVELENGTHS_UM)
+        _increasing("wavelength_um", self.wavelength_um, unit="micrometres", each="wavelengths")
+        for value in self.wavelength_um:
+            _number("wavelength_um", value, *WAVELENGTHS_UM)
         _kind("instrument", self.instrument, bool, "true or false")
         _kind("effects", self.effects, Mapping, "a table, e.g. [effects]")
         self._refuse_half_a_request()
@@ -188,6 +189,8 @@ class SceneValues:
         `pbrdf_bayes.angle_of_linear_polarization_deg` [deg]: modulo 180, 0 along s, medians in
         (-90, 90]. The band is that of the deviations from the mean axis of the draws, its ends on
         their own sides of the median. NaN where the degree is 0.
+    wavelength_um : float or None
+        Of the run, or as the scene has it beside given parameters [um].
     source : mapping
         Where the model comes from, as text by name.
     """
@@ -199,6 +202,7 @@ class SceneValues:
     stokes: Array | None
     dolp: Array | None
     aolp_deg: Array | None
+    wavelength_um: float | None
     source: Mapping[str, str]
 
     @property
@@ -247,15 +251,15 @@ def _kind(key: str, value: Any, kind: type, words: str) -> None:
         raise ConfigError(msg)
 
 
-def _increasing(key: str, values: Any) -> None:
+def _increasing(key: str, values: Any, *, unit: str = "degrees", each: str = "angles") -> None:
     _kind(key, values, tuple, "a list (in Python a tuple)")
     for value in values:
         if not is_finite(value):
-            msg = f"{key}: {show_value(value)} is not a finite number: give degrees"
+            msg = f"{key}: {show_value(value)} is not a finite number: give {unit}"
             raise ConfigError(msg)
     for a, b in pairwise(values):
         if a >= b:
-            msg = f"{key}: {b!r} follows {a!r}. Give increasing angles, each once"
+            msg = f"{key}: {b!r} follows {a!r}. Give increasing {each}, each once"
             raise ConfigError(msg)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,8 @@ from pbrdf_bayes.scenes import SceneValues
 Array = NDArray[np.float64]
 
 COLUMNS = (
-    "quantity", "polarization", "theta_i_deg", "theta_r_deg", "phi_r_deg", "value", "q05", "q95",
+    "wavelength_um", "quantity", "polarization", "theta_i_deg", "theta_r_deg", "phi_r_deg", "value",
+    "q05", "q95",
 )  # fmt: skip
 _ANGLE = (
     "modulo 180, 0 along s, positive counterclockwise for who looks into the beam; quantiles are "
@@ -24,22 +25,29 @@ _COMPONENTS = ("S0", "S1", "S2")
 _OVER_GRID = ("theta_i_deg", "theta_r_deg", "phi_r_deg", "quantile")
 
 
-def scene_csv(values: SceneValues) -> str:
+def scene_csv(*values: SceneValues) -> str:
     """Tidy rows, one number each: brdf, S0, S1, S2 [sr^-1], dhr, dolp [1], aolp_deg [deg].
 
     Parameters
     ----------
-    values : SceneValues
+    *values : SceneValues
+        Of one wavelength, or of several one after another.
 
     Returns
     -------
     str
-        ``polarization`` is that of the illumination; ``value`` is the median of a run, ``q05`` and
-        ``q95`` are empty for given parameters. A DHR has no scattering direction. Where there is no
-        light the degree of polarisation is empty, where it is 0 the angle. ``q05`` and ``q95`` of
-        the angle are on their own sides of ``value``, and may lie outside (-90, 90].
+        ``wavelength_um`` is empty where it is not known. ``polarization`` is that of the
+        illumination; ``value`` is the median of a run, ``q05`` and ``q95`` are empty for given
+        parameters. A DHR has no scattering direction. Where there is no light the degree of
+        polarisation is empty, where it is 0 the angle. ``q05`` and ``q95`` of the angle are on
+        their own sides of ``value``, and may lie outside (-90, 90].
     """
-    return "\n".join([",".join(COLUMNS), *_lines(values)]) + "\n"
+    lines = (
+        f"{'' if v.wavelength_um is None else f'{v.wavelength_um:.10g}'},{line}"
+        for v in values
+        for line in _lines(v)
+    )
+    return "\n".join([",".join(COLUMNS), *lines]) + "\n"
 
 
 def _lines(values: SceneValues) -> Iterator[str]:
@@ -120,10 +128,39 @@ def scene_dataset(values: SceneValues) -> xr.Dataset:
         "quantile": np.array(values.quantiles),
     }
     used = {axis for axes, *_ in found.values() for axis in axes}
-    return xr.Dataset(
+    known = {} if values.wavelength_um is None else {"wavelength_um": values.wavelength_um}
+    dataset = xr.Dataset(
         found,
-        coords={name: value for name, value in coordinates.items() if name in used},
+        coords={name: value for name, value in coordinates.items() if name in used} | known,
         attrs={**values.source, **_choices(values)},
+    )
+    if known:
+        dataset["wavelength_um"].attrs = {"units": "um", "long_name": "wavelength"}
+    return dataset
+
+
+def spectral_dataset(values: Sequence[SceneValues]) -> xr.Dataset:
+    """A scene at several wavelengths: `scene_dataset` of each, along ``wavelength_um``.
+
+    Parameters
+    ----------
+    values : sequence of SceneValues
+        Of one scene, in the order of their wavelengths; of a single one `scene_dataset`.
+
+    Returns
+    -------
+    xarray.Dataset
+        What the runs have in common is an attribute; where they differ, as in their verdicts, it
+        is a variable along ``wavelength_um``.
+    """
+    if len(values) == 1:
+        return scene_dataset(values[0])
+    each = [scene_dataset(v) for v in values]
+    whole = xr.concat(each, "wavelength_um", combine_attrs="drop_conflicts")
+    differing = sorted({name for v in values for name in v.source} - set(whole.attrs))
+    texts = {n: [v.source.get(n, "") for v in values] for n in differing}
+    return whole.assign(
+        {n: ("wavelength_um", np.array(each, dtype=object)) for n, each in texts.items()}
     )
 
 

@@ -21,7 +21,7 @@ def read_scene(path: Path) -> Scene:
     ----------
     path : Path
         Its keys are the fields of `Scene`. Angles [deg] are a list, one number, or the text
-        ``"LO:HI:STEP"``; words that make a list may be one word.
+        ``"LO:HI:STEP"``; a list of words or of wavelengths may be a single one.
 
     Returns
     -------
@@ -57,9 +57,10 @@ def scene_from_table(table: Mapping[str, Any]) -> Scene:
     for key in ANGLES:
         if key in values:
             values[key] = angles_of(key, values[key])
-    words = values.get("polarizations")
-    if words is not None:
-        values["polarizations"] = tuple(words) if isinstance(words, list) else (words,)
+    for key in ("polarizations", "wavelength_um"):
+        given = values.get(key)
+        if given is not None:
+            values[key] = tuple(given) if isinstance(given, list) else (given,)
     return Scene(**values)
 
 

@@ -52,12 +52,14 @@ class ScenePicture:
     svg: Markup
 
 
-def scene_pictures(values: SceneValues) -> list[ScenePicture]:
+def scene_pictures(values: SceneValues, *, tag: str = "") -> list[ScenePicture]:
     """Everything that a scene can show.
 
     Parameters
     ----------
     values : SceneValues
+    tag : str
+        Ends every name: needed where pictures of several wavelengths are on one page.
 
     Returns
     -------
@@ -67,7 +69,7 @@ def scene_pictures(values: SceneValues) -> list[ScenePicture]:
         incidence and of the DHR where there are two points or more.
     """
     with figure_style():
-        return [*_curves(values), *_maps(values), *_dhr(values)]
+        return [*_curves(values, tag), *_maps(values, tag), *_dhr(values, tag)]
 
 
 def drawn_incidences(values: SceneValues) -> list[tuple[int, float]]:
@@ -80,7 +82,7 @@ def drawn_incidences(values: SceneValues) -> list[tuple[int, float]]:
 # -------------------------------------------------------------------------------------------- maps
 
 
-def _maps(values: SceneValues) -> list[ScenePicture]:
+def _maps(values: SceneValues, tag: str) -> list[ScenePicture]:
     scene, grid = values.scene, _closed(values)
     found: list[ScenePicture] = []
     if grid is None:
@@ -94,10 +96,9 @@ def _maps(values: SceneValues) -> list[ScenePicture]:
             for q, z in zip(scene.polarizations, logs[:, i], strict=True):
                 title = f"BRDF (sr⁻¹), {LOOKS[q].word}, θ_i = {degrees(theta_i)}"
                 label = f"Polar map of the {q} BRDF at {degrees(theta_i)}: {span(10**z)} per sr"
-                svg = polar_map(
-                    x, y, z[:, order], theta_i, scale, title, label, f"map-{q}-{theta_i:.10g}"
-                )
-                found.append(ScenePicture(f"scene_brdf_{q}_{theta_i:.10g}", "hemisphere", svg))
+                at = f"{theta_i:.10g}{tag}"
+                svg = polar_map(x, y, z[:, order], theta_i, scale, title, label, f"map-{q}-{at}")
+                found.append(ScenePicture(f"scene_brdf_{q}_{at}", "hemisphere", svg))
     if values.dolp is not None:
         dolp = values.dolp[..., values.at_median]
         scale = _share_scale(dolp)
@@ -107,15 +108,16 @@ def _maps(values: SceneValues) -> list[ScenePicture]:
             label = (
                 f"Polar map of the degree of linear polarisation at {degrees(theta_i)}: {span(z)}"
             )
-            svg = polar_map(x, y, z[:, order], theta_i, scale, title, label, f"dolp-{theta_i:.10g}")
-            found.append(ScenePicture(f"scene_dolp_{theta_i:.10g}", "polarisation", svg))
+            at = f"{theta_i:.10g}{tag}"
+            svg = polar_map(x, y, z[:, order], theta_i, scale, title, label, f"dolp-{at}")
+            found.append(ScenePicture(f"scene_dolp_{at}", "polarisation", svg))
     if values.aolp_deg is not None:
-        found += _angle_maps(values, x, y, order)
+        found += _angle_maps(values, x, y, order, tag)
     return found
 
 
 def _angle_maps(
-    values: SceneValues, x: Array, y: Array, order: NDArray[np.int64]
+    values: SceneValues, x: Array, y: Array, order: NDArray[np.int64], tag: str
 ) -> list[ScenePicture]:
     """Angle of linear polarisation, where there is any; the mirror image has the other sign."""
     assert values.aolp_deg is not None
@@ -132,10 +134,9 @@ def _angle_maps(
             f"Polar map of the angle of linear polarisation at {degrees(theta_i)}, modulo 180°, "
             f"0 along s: {known} of {z.size} directions have one"
         )
-        svg = polar_map(
-            x, y, z, theta_i, scale, title, label, f"aolp-{theta_i:.10g}", fill=fill_angles
-        )
-        found.append(ScenePicture(f"scene_aolp_{theta_i:.10g}", "polarisation", svg))
+        at = f"{theta_i:.10g}{tag}"
+        svg = polar_map(x, y, z, theta_i, scale, title, label, f"aolp-{at}", fill=fill_angles)
+        found.append(ScenePicture(f"scene_aolp_{at}", "polarisation", svg))
     return found
 
 
@@ -182,21 +183,23 @@ def _share_scale(dolp: Array) -> Scale:
 # ------------------------------------------------------------------------------------------ curves
 
 
-def _curves(values: SceneValues) -> list[ScenePicture]:
+def _curves(values: SceneValues, tag: str) -> list[ScenePicture]:
     found: list[ScenePicture] = []
     scene, (theta, rows, columns) = values.scene, _in_plane(values)
     if theta.size < 2:
         return found
     for i, theta_i in drawn_incidences(values):
+        at = f"{theta_i:.10g}{tag}"
         if values.brdf is not None:
             strands = {
                 q: values.brdf[j, i][rows, columns] for j, q in enumerate(scene.polarizations)
             }
-            svg = _brdf_curves(theta, strands, theta_i, values.at_median)
-            found.append(ScenePicture(f"scene_plane_{theta_i:.10g}", "plane", svg))
+            svg = _brdf_curves(theta, strands, theta_i, values.at_median, f"plane-{at}")
+            found.append(ScenePicture(f"scene_plane_{at}", "plane", svg))
         if values.dolp is not None:
-            svg = _dolp_curve(theta, values.dolp[i][rows, columns], theta_i, values)
-            found.append(ScenePicture(f"scene_plane_dolp_{theta_i:.10g}", "polarisation", svg))
+            curve = values.dolp[i][rows, columns]
+            svg = _dolp_curve(theta, curve, theta_i, values, f"plane-dolp-{at}")
+            found.append(ScenePicture(f"scene_plane_dolp_{at}", "polarisation", svg))
     return found
 
 
@@ -213,7 +216,9 @@ def _in_plane(values: SceneValues) -> tuple[Array, NDArray[np.int64], NDArray[np
     return theta, first // columns.size, columns[first % columns.size]
 
 
-def _brdf_curves(theta: Array, strands: dict[str, Array], theta_i: float, middle: int) -> Markup:
+def _brdf_curves(
+    theta: Array, strands: dict[str, Array], theta_i: float, middle: int, name: str
+) -> Markup:
     logs = {q: log10_or_gap(v) for q, v in strands.items()}
     low, high = limits(*logs.values(), pad=0.05, least=0.6)
     low = max(low, high - _DECADES)
@@ -229,10 +234,12 @@ def _brdf_curves(theta: Array, strands: dict[str, Array], theta_i: float, middle
     _key(panel, list(logs))
     said = "; ".join(f"{q} {span(v[:, middle])} per sr" for q, v in strands.items())
     label = f"BRDF in the plane of incidence at {degrees(theta_i)}: {said}"
-    return inline_svg(panel.figure, name=f"plane-{theta_i:.10g}", label=label)
+    return inline_svg(panel.figure, name=name, label=label)
 
 
-def _dolp_curve(theta: Array, curve: Array, theta_i: float, values: SceneValues) -> Markup:
+def _dolp_curve(
+    theta: Array, curve: Array, theta_i: float, values: SceneValues, name: str
+) -> Markup:
     scale, incident = _share_scale(curve), values.scene.stokes_incident
     title = f"Polarisation in the plane, θ_i = {degrees(theta_i)}"
     panel = _frame(title, (0.0, scale.high))
@@ -240,10 +247,10 @@ def _dolp_curve(theta: Array, curve: Array, theta_i: float, values: SceneValues)
     _strand(panel, theta, curve, incident, values.at_median)
     _key(panel, [incident])
     label = f"Degree of linear polarisation in plane: {span(curve[:, values.at_median])}"
-    return inline_svg(panel.figure, name=f"plane-dolp-{theta_i:.10g}", label=label)
+    return inline_svg(panel.figure, name=name, label=label)
 
 
-def _dhr(values: SceneValues) -> list[ScenePicture]:
+def _dhr(values: SceneValues, tag: str) -> list[ScenePicture]:
     scene = values.scene
     if values.dhr is None or len(scene.dhr_theta_i_deg) < 2:
         return []
@@ -258,8 +265,9 @@ def _dhr(values: SceneValues) -> list[ScenePicture]:
         f"{q} {span(v[:, values.at_median])}"
         for q, v in zip(scene.polarizations, values.dhr, strict=True)
     )
-    svg = inline_svg(panel.figure, name="scene-dhr", label=f"DHR against incidence: {said}")
-    return [ScenePicture("scene_dhr", "dhr", svg)]
+    label = f"DHR against incidence: {said}"
+    svg = inline_svg(panel.figure, name=f"scene-dhr{tag}", label=label)
+    return [ScenePicture(f"scene_dhr{tag}", "dhr", svg)]
 
 
 def _frame(

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from pbrdf_bayes.report.figures_scene import ScenePicture, drawn_incidences
 from pbrdf_bayes.report.numbers import count
 from pbrdf_bayes.report.page import environment
+from pbrdf_bayes.report.panel import LOOKS
 from pbrdf_bayes.scenes import SceneValues
 
 _FONT = "Arial, Helvetica, sans-serif"
@@ -33,55 +35,83 @@ _PARTS = {
 }
 
 
-def render_scene(values: SceneValues, pictures: Sequence[ScenePicture]) -> str:
+@dataclass(frozen=True)
+class _Part:
+    """A section of the page: pictures of one kind."""
+
+    heading: str
+    note: str
+    pictures: Sequence[ScenePicture]
+
+
+@dataclass(frozen=True)
+class _Chapter:
+    """One wavelength: its heading where there are several, lines on its source, its sections."""
+
+    heading: str
+    lines: Sequence[str]
+    parts: Sequence[_Part]
+
+
+def render_scene(drawn: Sequence[tuple[SceneValues, Sequence[ScenePicture]]]) -> str:
     """Write a scene as one self-contained HTML page.
 
     Parameters
     ----------
-    values : SceneValues
-    pictures : sequence of ScenePicture
-        Of `scene_pictures`.
+    drawn : sequence of (SceneValues, sequence of ScenePicture)
+        Of every wavelength of one scene, with what `scene_pictures` made of it.
 
     Returns
     -------
     str
         The same scene gives the same text.
     """
-    source, scene = values.source, values.scene
+    first = drawn[0][0]
+    scene, several = first.scene, len(drawn) > 1
+    n, n_dhr = scene.n_directions, len(scene.dhr_theta_i_deg)
+    kicker = [f"{count(n)} direction{'s' * (n != 1)}"] if scene.theta_i_deg else []
+    kicker += [f"DHR at {count(n_dhr)} angle{'s' * (n_dhr != 1)}"] if n_dhr else []
+    kicker += [f"{len(drawn)} wavelengths"] if several else []
+    chapters = [_chapter(values, pictures, headed=several) for values, pictures in drawn]
+    common = _of_scene(first, {p.part for _, pictures in drawn for p in pictures})
+    return environment().get_template("scene.html.j2").render(
+        title=first.source.get("sample", "Given parameters"), kicker=" · ".join(kicker),
+        lines=common if several else [*chapters[0].lines, *common], chapters=chapters,
+    )  # fmt: skip
+
+
+def _chapter(values: SceneValues, pictures: Sequence[ScenePicture], *, headed: bool) -> _Chapter:
+    wavelength = "" if values.wavelength_um is None else f"{values.wavelength_um:.10g} µm"
+    lines = [_line(key, text) for key, text in values.source.items() if key != "sample"]
     parts = [
-        (heading, note, [p for p in pictures if p.part == name])
+        _Part(heading, note, [p for p in pictures if p.part == name])
         for name, (heading, note) in _PARTS.items()
     ]
-    kicker = (
-        [f"{count(scene.n_directions)} direction{'s' * (scene.n_directions != 1)}"]
-        if scene.theta_i_deg
-        else []
+    return _Chapter(
+        heading=wavelength if headed else "",
+        lines=lines if headed or not wavelength else [wavelength, *lines],
+        parts=[part for part in parts if part.pictures],
     )
-    kicker += (
-        [f"DHR at {count(len(scene.dhr_theta_i_deg))} angles"] if scene.dhr_theta_i_deg else []
-    )
-    lines = [_line(key, text) for key, text in source.items() if key != "sample"]
+
+
+def _of_scene(values: SceneValues, drawn: set[str]) -> list[str]:
+    """Lines on what was asked for and what is not drawn of it."""
+    scene, lines = values.scene, []
     n_drawn = len(drawn_incidences(values))
     if n_drawn < len(scene.theta_i_deg):
         lines.append(f"drawn: {n_drawn} of {len(scene.theta_i_deg)} angles of incidence")
-    drawn = {picture.part for picture in pictures}
     if drawn and scene.theta_i_deg and not scene.in_plane and "hemisphere" not in drawn:
         lines.append(_NO_MAP)
     if scene.stokes_incident:
         share = f", share of depolarised light {scene.depolarisation:g}"
         lines.append(
-            f"Stokes components for illumination {scene.stokes_incident!r}"
+            f"Stokes components for illumination {LOOKS[scene.stokes_incident].word}"
             + (share if scene.depolarisation else "")
         )
-    return environment().get_template("scene.html.j2").render(
-        title=source.get("sample", "Given parameters"), kicker=" · ".join(kicker), lines=lines,
-        parts=[part for part in parts if part[2]],
-    )  # fmt: skip
+    return lines
 
 
 def _line(key: str, text: str) -> str:
-    if key == "wavelength_um":
-        return f"{text} µm"
     return f"{_WORDS.get(key, key)}: {text}"
 
 

@@ -70,7 +70,8 @@ def add_predict(verbs: Any) -> None:
     parser = add_verb(verbs, "predict", _predict,
                    "Predicted curves, with bands where a run folder is given.",
                    epilog=SCENE_HELP)  # fmt: skip
-    parser.add_argument("folder", type=Path, metavar="DIR", nargs="?", help="a finished run")
+    parser.add_argument("folders", type=Path, metavar="DIR", nargs="*",
+                        help="a finished run; of a scene, one of each wavelength")  # fmt: skip
     _add_parameters(parser, required=False)
     _add_angles(parser, theta_r="-85:85:1")
     parser.add_argument("--dhr-theta-i", type=numbers, default=[], metavar="DEG,...",
@@ -176,14 +177,17 @@ def _predict(options: argparse.Namespace) -> int:
     from pbrdf_bayes.workflow.parameters_json import read_parameters
     from pbrdf_bayes.workflow.prediction import predict_table
 
-    if (options.folder is None) == (options.params is None):
+    if bool(options.folders) == (options.params is not None):
         msg = "give either a run folder or --params, not both and not neither"
+        raise ConfigError(msg)
+    if len(options.folders) > 1 and options.scene is None:
+        msg = "several run folders make one table only with --scene. Give one, or a scene"
         raise ConfigError(msg)
     given = (None, None) if options.params is None else read_parameters(options.params)
     if options.scene is not None:
         return _predict_scene(options, *given)
     text = predict_table(
-        folder=options.folder, parameters=given[0], effects=given[1],
+        folder=next(iter(options.folders), None), parameters=given[0], effects=given[1],
         theta_i_deg=options.theta_i, theta_r_deg=options.theta_r, phi_r_deg=options.phi_r,
         dhr_theta_i_deg=options.dhr_theta_i, polarizations=options.polarization,
         rtol=options.rtol, reciprocal=options.normalisation == "reciprocal",
@@ -201,7 +205,7 @@ def _predict_scene(options: argparse.Namespace, parameters: Any, effects: Any) -
             if name == "normalisation":
                 msg = "--normalisation with --scene: scenes have that of the paper. Leave it out"
             raise ConfigError(msg)
-    model = {"folder": options.folder, "parameters": parameters, "effects": effects,
+    model = {"folders": options.folders, "parameters": parameters, "effects": effects,
              "rtol": options.rtol}  # fmt: skip
     if options.out == _STDOUT:
         sys.stdout.write(scene_text(options.scene, **model))

@@ -246,7 +246,7 @@ def test_many_incidences_make_no_endless_page():
     found = scene_pictures(values)
     assert len(found) == 8
     assert [found[0].name, found[-1].name] == ["scene_plane_0", "scene_plane_88"]
-    assert "drawn: 8 of 89 angles of incidence" in render_scene(values, found)
+    assert "drawn: 8 of 89 angles of incidence" in render_scene([(values, found)])
 
 
 def test_flat_maps_can_be_drawn():
@@ -259,7 +259,7 @@ def test_flat_maps_can_be_drawn():
     for strength in (0.0, 0.1):
         black = pb.Parameters(n=1.5, k=0.1, sigma_n0=0.0, rho0=0.3)
         values = pb.predict_scene(black, wanted, effects=pb.Effects(lambert=strength))
-        page = render_scene(values, scene_pictures(values))
+        page = render_scene([(values, scene_pictures(values))])
         assert page.count('<div class="panel">') == 7
         assert "nan" not in scene_csv(values)
         assert scene_dataset(values)["brdf"].shape == (2, 1, 18, 10, 1)
