@@ -42,8 +42,8 @@ VERDICT_WORDS = {"PASS": "Pass", "WARN": "Warning", "FAIL": "Fail", "SKIP": "Not
 SYMBOLS = {
     r"σ_N0|\bsigma_n0\b": "σ<sub>N0</sub>",
     r"ρ_0|\brho0\b": "ρ<sub>0</sub>",
-    r"\btheta_i\b": "θ<sub>i</sub>",
-    r"\btheta_r\b": "θ<sub>r</sub>",
+    r"θ_i|\btheta_i\b": "θ<sub>i</sub>",
+    r"θ_r|\btheta_r\b": "θ<sub>r</sub>",
     r"\bsr\^-1\b": "sr⁻¹",
     r"\b(DHR|DDR|f)_([spu])\b": r"\1<sub>\2</sub>",
 }
