@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import sqrt
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +16,9 @@ Array = NDArray[np.float64]
 _STEP = 1e-5
 _RELEVANT_NATS = 12.0
 _MAX_SD = 3.0
+_FALL = 2.0
+_REACHES = np.geomspace(1e-9, 1.0, 91)
+"""Steps at which the density is looked at, in units of the standard deviation."""
 
 
 def laplace_mixture(posterior: Posterior, optima: MapResult) -> Mixture:
@@ -24,7 +29,7 @@ def laplace_mixture(posterior: Posterior, optima: MapResult) -> Mixture:
     for optimum in optima.optima:
         if best - optimum.log_posterior > _RELEVANT_NATS:
             continue
-        z = posterior.to_coordinates(optimum.x[None, :])[0]
+        z = np.clip(posterior.to_coordinates(optimum.x[None, :])[0], low, high)
         factor = np.linalg.cholesky(_covariance(posterior, z, low, high))
         centres.append(z)
         factors.append(factor)
@@ -38,8 +43,9 @@ def laplace_mixture(posterior: Posterior, optima: MapResult) -> Mixture:
 def _covariance(posterior: Posterior, z: Array, low: Array, high: Array) -> Array:
     """Inverse of the negative Hessian, no wider than the prior in any direction.
 
-    The Hessian comes from central differences of the analytic gradient. Where it says nothing, half
-    the width of the support limits the standard deviation: a proposal must fall inside it.
+    The Hessian comes from central differences of the analytic gradient. Half the width of the
+    support limits the standard deviation: a proposal must fall inside it. So does the density along
+    each axis: that of k, where k is 0, is flat at its end and steep close by.
     """
     n = z.size
     inner = np.clip(z, low + 2.0 * _STEP, high - 2.0 * _STEP)
@@ -50,4 +56,28 @@ def _covariance(posterior: Posterior, z: Array, low: Array, high: Array) -> Arra
     scaled = -0.5 * (hessian + hessian.T) * np.outer(widest, widest)
     eigenvalues, vectors = np.linalg.eigh(scaled)
     axes = widest[:, None] * vectors
-    return np.asarray((axes / np.maximum(eigenvalues, 1.0)) @ axes.T)
+    sd = 1.0 / np.sqrt(np.maximum(eigenvalues, 1.0))
+    for i in range(n):
+        sd[i] = _limited(posterior, z, axes[:, i], sd[i], low, high)
+    axes = axes * sd
+    return np.asarray(axes @ axes.T)
+
+
+def _limited(
+    posterior: Posterior, z: Array, axis: Array, sd: float, low: Array, high: Array
+) -> float:
+    """Standard deviation along an axis, or less: at it the density has to be within `_FALL` nats.
+
+    In units of the axis; the side on which the density falls less counts.
+    """
+    steps = sd * _REACHES
+    points = z + np.concatenate([steps, -steps])[:, None] * axis
+    inside = ((points >= low) & (points <= high)).all(axis=1)
+    values = np.full(len(points), -np.inf)
+    values[inside] = posterior.log_prob_coordinates(points[inside])
+    top = posterior.log_prob_coordinates(z[None, :])[0]
+    high_enough = (values > top - _FALL).reshape(2, -1).any(axis=0)
+    if high_enough[-1]:
+        return sd
+    reach = steps[high_enough].max(initial=steps[0])
+    return float(reach / sqrt(2.0 * _FALL))

@@ -254,8 +254,19 @@ def _ensemble_seeds(config: RunConfig, seed: int) -> list[int]:
     return [int(s) for s in np.random.SeedSequence(seed).generate_state(config.n_ensembles)]
 
 
+class _KernelMove(emcee.moves.KDEMove):  # type: ignore[misc]
+    """Proposes from a kernel estimate of the other walkers; none where they span no volume."""
+
+    def get_proposal(self, s: Array, c: list[Array], random: object) -> tuple[Array, Array]:
+        try:
+            proposed, factors = super().get_proposal(s, c, random)
+        except np.linalg.LinAlgError:
+            return s, np.zeros(len(s))
+        return proposed, factors
+
+
 def _exploring_moves() -> Moves:
-    return [(emcee.moves.KDEMove(), 0.5), (emcee.moves.DEMove(), 0.5)]
+    return [(_KernelMove(), 0.5), (emcee.moves.DEMove(), 0.5)]
 
 
 def _explore(

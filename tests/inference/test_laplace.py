@@ -76,6 +76,20 @@ def test_laplace_uses_logarithmic_coordinates(make_law: MakeLaw) -> None:
     assert mixture.centres[0][0] == pytest.approx(math.log(0.2) - 0.09, abs=1e-3)
 
 
+def test_a_direction_without_curvature_is_as_wide_as_its_density(make_law: MakeLaw) -> None:
+    """As k at 0: exp(-(x/w)^4) on x >= 0 has the root mean square w sqrt(Gamma(3/4)/Gamma(1/4))."""
+    w = 1e-3
+    law = make_law(
+        lambda x: -0.5 * (x[:, 0] / 0.1) ** 2 - (x[:, 1] / w) ** 4, [-5.0, 0.0], [5.0, 5.0]
+    )
+    at_bound = MapResult((Optimum(np.array([0.0, 0.0]), 0.0, 1),), 1, 0)
+    factor = laplace_mixture(law, at_bound).factors[0]
+    sd = np.sqrt(np.diag(factor @ factor.T))
+    assert sd[0] == pytest.approx(0.1, rel=1e-3)
+    spread = w * math.sqrt(math.gamma(0.75) / math.gamma(0.25))
+    assert sd[1] == pytest.approx(spread, rel=0.3)
+
+
 def test_a_flat_direction_gets_a_finite_width(make_law: MakeLaw) -> None:
     law = make_law(lambda x: -0.5 * (x[:, 0] / 0.1) ** 2, [-5.0, -5.0], [5.0, 5.0])
     mixture = laplace_mixture(law, find_map(law, seed=1))

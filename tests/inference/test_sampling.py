@@ -26,6 +26,7 @@ from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.sampling import (
     Draws,
     Progress,
+    _KernelMove,
     choose_moves,
     independence_move,
     sample_posterior,
@@ -383,3 +384,26 @@ def test_global_random_state_is_neither_used_nor_touched(law: Posterior, start: 
     np.testing.assert_array_equal(before, after)
     np.random.seed(99)  # noqa: NPY002
     np.testing.assert_array_equal(draw(law, start, "emcee", max_steps=100).x, first.x)
+
+
+def test_walkers_that_span_no_volume_stay_in_place() -> None:
+    """The kernel estimate does not exist; the move is then none instead of an error."""
+    flat = np.outer(np.arange(8.0), np.ones(3))
+    proposed, factors = _KernelMove().get_proposal(
+        flat, [flat], np.random.RandomState(1)
+    )  # fmt: skip
+    np.testing.assert_array_equal(proposed, flat)
+    np.testing.assert_array_equal(factors, 0.0)
+
+
+def test_a_dielectric_is_fitted() -> None:
+    """k = 0 is the end of its support, where the Hessian knows nothing of the width of k."""
+    paint = pb.Parameters(n=1.5, k=0.0, sigma_n0=0.4, rho0=0.3)
+    measurement = pb.simulate_measurement(paint, seed=3)
+    analysis = pb.fit(measurement, pb.RunConfig(accuracy="draft", holdout=False))
+    assert analysis.summary["status"] == "done"
+    assert analysis.summary["sampling"]["method"] == "psis"
+    for name, truth in (("n", 1.5), ("sigma_n0", 0.4), ("rho0", 0.3)):
+        found = analysis.summary["parameters"][name]
+        assert abs(found["mean"] - truth) < 4.0 * found["sd"]
+    assert analysis.summary["parameters"]["k"]["q025"] < 1e-4
