@@ -21,6 +21,10 @@ _ANGLE = (
     "modulo 180, 0 along s, positive counterclockwise for who looks into the beam; quantiles are "
     "those of the deviations from the mean axis of the draws, medians in (-90, 90]"
 )
+_TURNED = (
+    "out of plane facets mix s and p: S0 of s or p light is not the BRDF there and does not "
+    "integrate to the DHR; that of unpolarised light is and does"
+)
 _COMPONENTS = ("S0", "S1", "S2")
 _OVER_GRID = ("theta_i_deg", "theta_r_deg", "phi_r_deg", "quantile")
 
@@ -109,7 +113,8 @@ def scene_dataset(values: SceneValues) -> xr.Dataset:
         found["dhr"] = _variable(over_angles, values.dhr, name, "1")
     if values.stokes is not None:
         name = "Stokes components of the scattered light per unit irradiance"
-        found["stokes"] = _variable(("component", *_OVER_GRID), values.stokes, name, "sr-1")
+        axes, array, said = _variable(("component", *_OVER_GRID), values.stokes, name, "sr-1")
+        found["stokes"] = axes, array, {**said, "comment": _TURNED}
     if values.dolp is not None:
         found["dolp"] = _variable(_OVER_GRID, values.dolp, "degree of linear polarisation", "1")
     if values.aolp_deg is not None:

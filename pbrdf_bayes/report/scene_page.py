@@ -18,6 +18,10 @@ _NO_MAP = (
     "no polar map: maps need theta_r from 0 on and phi_r from 0 to 180°, in steps of 90° at most; "
     "all values are in scene.csv and scene.nc"
 )
+_TURNED = (
+    "S0 is not the BRDF out of plane: facets there mix s and p, Eqs. (8) to (12), where the BRDF of "
+    "Eq. (2) has one polarisation; only unpolarised light has the same S0 and BRDF"
+)
 _PARTS = {
     "plane": ("In the plane of incidence", "Scattering angles from −90° (back) to 90° (forward)."),
     "hemisphere": (
@@ -108,6 +112,8 @@ def _of_scene(values: SceneValues, drawn: set[str]) -> list[str]:
             f"Stokes components for illumination {LOOKS[scene.stokes_incident].word}"
             + (share if scene.depolarisation else "")
         )
+        if scene.stokes_incident != "u" and not scene.in_plane:
+            lines.append(_TURNED)
     return lines
 
 

@@ -389,3 +389,19 @@ def test_a_page_without_maps_says_what_they_need(here):
     assert ask(text.replace("20:160", "0:120"), out="half") == 0
     page = Path("half/scene.html").read_text(encoding="utf-8")
     assert "maps need theta_r from 0" in page
+
+
+def test_a_page_says_where_s0_is_not_the_brdf(here):
+    """Out of plane, and not for unpolarised light; the numbers beside it show why."""
+    for incident, said in (("p", True), ("u", False)):
+        assert ask(WHOLE.replace('"u"', f'"{incident}"'), out=incident) == 0
+        page = Path(f"{incident}/scene.html").read_text(encoding="utf-8")
+        assert ("S0 is not the BRDF out of plane" in page) == said
+    rows = [r for r in rows_of(Path("p/scene.csv")) if r["theta_r_deg"] == "60" == r["theta_i_deg"]]
+    at = {
+        (r["quantity"], r["phi_r_deg"]): float(r["value"]) for r in rows if r["polarization"] == "p"
+    }
+    assert at["S0", "30"] > 2.0 * at["brdf", "30"]
+    assert at["S0", "0"] == pytest.approx(at["brdf", "0"], rel=1e-9)
+    assert ask(PLANE + 'stokes_incident = "p"\n', out="plane") == 0
+    assert "out of plane" not in Path("plane/scene.html").read_text(encoding="utf-8")
