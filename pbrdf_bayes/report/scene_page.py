@@ -19,8 +19,8 @@ _NO_MAP = (
     "all values are in scene.csv and scene.nc"
 )
 _TURNED = (
-    "S0 is not the BRDF out of plane: facets there mix s and p, Eqs. (8) to (12), where the BRDF of "
-    "Eq. (2) has one polarisation; only unpolarised light has the same S0 and BRDF"
+    "S0 is not the BRDF out of plane: facets there mix s and p, Eqs. (8) to (12), where the BRDF "
+    "of Eq. (2) has one polarisation; only unpolarised light has the same S0 and BRDF"
 )
 _PARTS = {
     "plane": ("In the plane of incidence", "Scattering angles from −90° (back) to 90° (forward)."),
