@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 MOST_SEEN = 8192
 """Nodes that there is room for."""
 _CLEAR, _RULE = 2.5, 2.0
-_MOST_SINGULARITIES = 24
+MOST_SINGULARITIES = 24
 _MOST_PANELS = 256
 _MOST_IN_PANEL = 16
 _NARROWEST = 1e-7
@@ -45,20 +45,17 @@ _NARROWEST = 1e-7
 
 @compiled()
 def aperture_nodes(
-    theta_i: float, theta_r: float, phi_r: float, half: float, effects: EffectValues,
-    surf: Surface, shaped: Lobe, digits: float, theta: Array, weight: Array,
+    theta_r: float, half: float, n: int, places: Array, digits: float, at: int, theta: Array,
+    weight: Array,
 ) -> int:  # fmt: skip
-    """Fill theta_r [rad] of the nodes and their weights; returns how many there are.
+    """Fill theta_r [rad] of the nodes and their weights from index ``at`` on; returns their end.
 
     The weights add up to the share of the aperture [theta_r - half, theta_r + half] that is above
-    the horizon.
+    the horizon. ``places`` are the ``n`` `singularities` of the scan.
     """
-    places = np.empty((2, _MOST_SINGULARITIES))
-    n = _singularities(theta_i, phi_r, effects, surf, shaped, digits, places)
     low, high = max(theta_r - half, -0.5 * pi), min(theta_r + half, 0.5 * pi)
     panels = np.empty((2, _MOST_PANELS))
     n_panels = _break_at(low, high, n, places, panels)
-    at = 0
     while n_panels > 0:
         n_panels -= 1
         a, b = panels[0, n_panels], panels[1, n_panels]
@@ -94,9 +91,9 @@ def _too_long(a: float, b: float, n: int, places: Array) -> bool:
 @compiled()
 def _break_at(low: float, high: float, n: int, places: Array, panels: Array) -> int:
     """Cut [low, high] at the singularities within; returns the number of pieces."""
-    breaks = np.sort(places[0, :n])
     n_panels, start = 0, low
-    for place in breaks:
+    for i in range(n):
+        place = places[0, i]
         if start < place < high:
             panels[0, n_panels], panels[1, n_panels] = start, place
             n_panels += 1
@@ -112,11 +109,25 @@ def _add(place: float, distance: float, n: int, places: Array) -> int:
 
 
 @compiled()
-def _singularities(
+def singularities(
     theta_i: float, phi_r: float, effects: EffectValues, surf: Surface, shaped: Lobe,
     digits: float, places: Array,
 ) -> int:  # fmt: skip
-    """Real part of each singularity in theta_r, and its distance from the real axis."""
+    """Real part of each singularity in theta_r, increasing, and its distance from the real axis.
+
+    Those of a scan: one angle of incidence and one azimuth. Returns how many there are.
+    """
+    n = _all_singularities(theta_i, phi_r, effects, surf, shaped, digits, places)
+    order = np.argsort(places[0, :n])
+    places[:, :n] = places[:, :n][:, order]
+    return n
+
+
+@compiled()
+def _all_singularities(
+    theta_i: float, phi_r: float, effects: EffectValues, surf: Surface, shaped: Lobe,
+    digits: float, places: Array,
+) -> int:  # fmt: skip
     inc = incidence(theta_i)
     rho = stretch(shaped.shape) * peak_width(inc, surf, shaped.narrowing)
     across = stretch(shaped.shape) * surf.rho0

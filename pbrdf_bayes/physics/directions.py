@@ -51,21 +51,28 @@ def prepare_directions(theta_i: Array, theta_r: Array, phi_r: Array) -> Directio
 @compiled()
 def fill_directions(theta_i: Array, theta_r: Array, phi_r: Array, out: Array) -> None:
     """The fields of `Directions` as the rows of ``out``, shape (8, n)."""
+    t_i = phi = sin_i = cos_i = shortfall_i = sin_phi = cos_phi = out_of_line = 0.0
     for i in range(theta_i.size):
-        t_i, t_r, sin_r = theta_i[i], theta_r[i], sin(theta_r[i])
-        out_of_line = 2.0 * sin(0.5 * phi_r[i]) ** 2  # 1 - cos(phi_r)
-        beta = sin_r * sin(phi_r[i])
-        alpha = sin_r * cos(phi_r[i])
+        if i == 0 or theta_i[i] != t_i:  # a scan has one of each
+            t_i = theta_i[i]
+            sin_i, cos_i, shortfall_i = sin(t_i), cos(t_i), _one_minus_sine(t_i)
+        if i == 0 or phi_r[i] != phi:
+            phi = phi_r[i]
+            sin_phi, cos_phi = sin(phi), cos(phi)
+            out_of_line = 2.0 * sin(0.5 * phi) ** 2  # 1 - cos(phi_r)
+        t_r, sin_r = theta_r[i], sin(theta_r[i])
+        beta = sin_r * sin_phi
+        alpha = sin_r * cos_phi
         shortfall = max(_one_minus_sine(t_r) + sin_r * out_of_line, 0.0)  # 1 - alpha
         root_alpha = abs(cos(t_r)) if out_of_line == 0.0 else _root(shortfall, 1.0 + alpha)
         offset = 2.0 * cos(0.5 * (t_r + t_i)) * sin(0.5 * (t_r - t_i)) - sin_r * out_of_line
-        mean_shortfall = 0.5 * (shortfall + _one_minus_sine(t_i))
-        x = 0.5 * (alpha + sin(t_i))
+        mean_shortfall = 0.5 * (shortfall + shortfall_i)
+        x = 0.5 * (alpha + sin_i)
         root_beta = _root(1.0 - beta, 1.0 + beta)
         out[0, i] = x
         out[1, i] = _root(mean_shortfall, 1.0 + x)
         out[2, i] = offset
-        out[3, i] = 0.25 * (cos(t_i) + root_alpha) ** 2
+        out[3, i] = 0.25 * (cos_i + root_alpha) ** 2
         out[4, i] = 0.5 * beta
         out[5, i] = _root(1.0 - 0.5 * beta, 1.0 + 0.5 * beta)
         out[6, i] = beta

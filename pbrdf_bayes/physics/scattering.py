@@ -21,7 +21,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pbrdf_bayes.physics.aperture import MOST_SEEN, aperture_nodes
+from pbrdf_bayes.physics.aperture import (
+    MOST_SEEN,
+    MOST_SINGULARITIES,
+    aperture_nodes,
+    singularities,
+)
 from pbrdf_bayes.physics.brdf import Buffers, buffers, log_brdf
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.directions import fill_directions
@@ -78,6 +83,8 @@ class _Work(NamedTuple):
     weight: Array
     seen_f: Array
     seen_diffuse: Array
+    places: Array
+    """(2, most): singularities of the BRDF along a scan."""
 
 
 @compiled()
@@ -91,6 +98,7 @@ def _make_work(geometry: Geometry) -> _Work:
         np.empty((2, n)), workspace(), buffers(n, n_incidence, VALUES),
         _Where(np.empty((8, MOST_SEEN)), np.empty((3, MOST_SEEN)), np.empty((3, MOST_SEEN))),
         np.empty(MOST_SEEN), np.empty((2, MOST_SEEN)), np.empty((2, MOST_SEEN)),
+        np.empty((2, MOST_SINGULARITIES)),
     )  # fmt: skip
 
 
@@ -172,8 +180,7 @@ def _fill_shaped(
     for j in range(geometry.start.size - 1):
         a, b, in_plane = geometry.start[j], geometry.start[j + 1], geometry.in_plane[j]
         if effects.aperture_deg > 0.0:
-            for i in range(a, b):
-                _see(i, j, in_plane, effects, surf, shaped, where, digits, work)
+            _see(a, b, j, in_plane, effects, surf, shaped, where, digits, work)
         else:
             f_s, f_p, more = work.f[0][a:b], work.f[1][a:b], _rows(work.diffuse, a, b)
             _fill_group(a, j, in_plane, effects, surf, shaped, where, work.scale, more, f_s, f_p)
@@ -187,29 +194,49 @@ def _rows(both: Array, a: int, b: int) -> tuple[Array, Array]:
 
 @compiled()
 def _see(
-    i: int, j: int, in_plane: bool, effects: EffectValues, surf: Surface, shaped: Lobe,
+    a: int, b: int, j: int, in_plane: bool, effects: EffectValues, surf: Surface, shaped: Lobe,
     where: _Where, digits: float, work: _Work,
 ) -> None:  # fmt: skip
-    """Mean of the BRDF over the aperture around direction i, of the incidence j."""
-    seen, angles = work.seen, where.angles
-    theta_i, theta_r, phi_r = angles[0, i], angles[1, i], angles[2, i]
-    half = effects.aperture_deg * _DEGREE
-    n = aperture_nodes(
-        theta_i, theta_r, phi_r, half, effects, surf, shaped, digits, seen.angles[1], work.weight
-    )
-    seen.angles[0][:n] = theta_i
-    seen.angles[2][:n] = phi_r
-    fill_directions(
-        seen.angles[0][:n], seen.angles[1][:n], seen.angles[2][:n], seen.directions[:, :n]
-    )
-    _fill_polar(seen.angles[:, :n], seen.polar[:, :n])
+    """Means of the BRDF over the aperture around the directions a to b, of the incidence j."""
+    theta_i, theta_r, phi_r = where.angles[0, a], where.angles[1], where.angles[2]
+    half, nodes, weight, azimuth = (
+        effects.aperture_deg * _DEGREE, work.seen.angles[1], work.weight, work.seen.angles[2],
+    )  # fmt: skip
+    n_places, first, n, end = 0, a, 0, np.empty(b - a, np.int64)
+    for i in range(a, b):
+        if i == a or phi_r[i] != phi_r[i - 1]:
+            places = work.places
+            n_places = singularities(theta_i, phi_r[i], effects, surf, shaped, digits, places)
+        last = aperture_nodes(theta_r[i], half, n_places, work.places, digits, n, nodes, weight)
+        azimuth[n:last] = phi_r[i]
+        n = end[i - a] = last
+        if n > MOST_SEEN // 2 or i == b - 1:
+            work.seen.angles[0][:n] = theta_i
+            _fill_means(
+                n, end[first - a : i + 1 - a], first, j, in_plane, effects, surf, shaped, work
+            )
+            first, n = i + 1, 0
+
+
+@compiled()
+def _fill_means(
+    n: int, end: NDArray[np.int64], first: int, j: int, in_plane: bool, effects: EffectValues,
+    surf: Surface, shaped: Lobe, work: _Work,
+) -> None:  # fmt: skip
+    """Means over ``n`` nodes: those of the first direction end at ``end[0]``, and so on."""
+    angles, directions, polar = work.seen.angles, work.seen.directions, work.seen.polar
+    fill_directions(angles[0][:n], angles[1][:n], angles[2][:n], directions[:, :n])
+    _fill_polar(angles[:, :n], polar[:, :n])
     f_s, f_p, more = work.seen_f[0][:n], work.seen_f[1][:n], _rows(work.seen_diffuse, 0, n)
-    _fill_group(0, j, in_plane, effects, surf, shaped, seen, work.scale, more, f_s, f_p)
-    total_s = total_p = 0.0
-    for node in range(n):
-        total_s += work.weight[node] * f_s[node]
-        total_p += work.weight[node] * f_p[node]
-    work.f[0, i], work.f[1, i] = total_s, total_p
+    _fill_group(0, j, in_plane, effects, surf, shaped, work.seen, work.scale, more, f_s, f_p)
+    weight, node = work.weight, 0
+    for i in range(end.size):
+        total_s = total_p = 0.0
+        while node < end[i]:
+            total_s += weight[node] * f_s[node]
+            total_p += weight[node] * f_p[node]
+            node += 1
+        work.f[0, first + i], work.f[1, first + i] = total_s, total_p
 
 
 @compiled()
@@ -271,12 +298,15 @@ def _fill_diffuse(
 @compiled()
 def _fill_polar(angles: Array, out: Array) -> None:
     """Sine and cosine of theta_r, and the cosine of the angle between source and detector."""
+    theta_i = phi_r = sine_i = cosine_i = along = 0.0
     for i in range(angles.shape[1]):
+        if i == 0 or angles[0, i] != theta_i or angles[2, i] != phi_r:  # a scan has one of each
+            theta_i, phi_r = angles[0, i], angles[2, i]
+            sine_i, cosine_i, along = np.sin(theta_i), np.cos(theta_i), np.cos(phi_r)
         sine, cosine = np.sin(angles[1, i]), max(np.cos(angles[1, i]), 0.0)
         out[0, i] = abs(sine)
         out[1, i] = cosine
-        out[2, i] = np.cos(angles[0, i]) * cosine
-        out[2, i] -= np.sin(angles[0, i]) * sine * np.cos(angles[2, i])
+        out[2, i] = cosine_i * cosine - sine_i * sine * along
 
 
 @compiled()

@@ -108,6 +108,16 @@ def test_at_normal_incidence_an_offset_to_the_other_side_mirrors_the_scan():
     np.testing.assert_allclose(found, brdf(GREEN_PAINT, 0.5, -GRID, "s"), rtol=1e-8)
 
 
+def test_an_aperture_takes_scans_of_any_length():
+    """Thousands of readings of one incidence, in two planes: each as it is by itself."""
+    paint, effects = GREEN_PAINT, Effects(aperture_deg=1.0)
+    theta_r = np.linspace(-85.0, 85.0, 1500)
+    for phi_r in (0.0, 40.0):
+        whole = brdf(paint, 30.0, theta_r, "p", phi_r_deg=phi_r, effects=effects)
+        alone = [brdf(paint, 30.0, t, "p", phi_r_deg=phi_r, effects=effects) for t in theta_r[::50]]
+        np.testing.assert_allclose(whole[::50], np.array(alone), rtol=1e-13)
+
+
 @pytest.mark.parametrize("rho0", [0.3, 0.05, 0.01, 0.003, 0.001])
 @pytest.mark.parametrize(("theta_i", "theta_r"), [(30.0, 29.7), (30.0, 34.0), (75.0, 74.0)])
 def test_an_aperture_is_the_mean_over_what_the_detector_sees(rho0, theta_i, theta_r):
