@@ -34,6 +34,7 @@ DESIGN = "design.json"
 LOG = "log.txt"
 LOCK = ".lock"
 _PART = ".part"
+_CHECKSUM = "posterior_sha256"
 _MOST_JSON_BYTES = 64 * 2**20
 _DAMAGE = (OSError, ValueError, AttributeError, KeyError, RuntimeError, TypeError)
 """What h5netcdf and h5py raise for a file with bytes that are not what they were."""
@@ -222,12 +223,14 @@ def save_analysis(analysis: Analysis, folder: Path, *, report: str, log: str) ->
     """
     summary = finite_only(analysis.summary)
     validate_summary(summary, where=str(folder))
-    # made in memory: where the disk is full, HDF5 ends the process
-    write_bytes(folder / POSTERIOR, tree_bytes(analysis.draws))
+    posterior = tree_bytes(
+        analysis.draws
+    )  # in memory: where the disk is full, HDF5 ends the process
+    write_bytes(folder / POSTERIOR, posterior)
     write_text(folder / CONFIG, analysis.config_toml)
     write_text(folder / LOG, log)
     write_text(folder / REPORT, report)
-    write_text(folder / SUMMARY, json.dumps(summary, indent=1, ensure_ascii=False) + "\n")
+    _write_summary(folder, summary, posterior)
 
 
 def amend_run(folder: Path, summary: Mapping[str, Any], *, report: str) -> None:
@@ -244,7 +247,13 @@ def amend_run(folder: Path, summary: Mapping[str, Any], *, report: str) -> None:
     validate_summary(plain, where=str(folder))
     (folder / PDF).unlink(missing_ok=True)
     write_text(folder / REPORT, report)
-    write_text(folder / SUMMARY, json.dumps(plain, indent=1, ensure_ascii=False) + "\n")
+    _write_summary(folder, plain, (folder / POSTERIOR).read_bytes())
+
+
+def _write_summary(folder: Path, summary: Mapping[str, Any], posterior: bytes) -> None:
+    """With the checksum of the draws, by which they are known to be whole when they are read."""
+    whole = {**summary, _CHECKSUM: hashlib.sha256(posterior).hexdigest()}
+    write_text(folder / SUMMARY, json.dumps(whole, indent=1, ensure_ascii=False) + "\n")
 
 
 def load_analysis(folder: Path | str) -> Analysis:
@@ -265,24 +274,35 @@ def load_analysis(folder: Path | str) -> Analysis:
         Not a finished run, or a file of it is missing or damaged.
     """
     folder = Path(folder)
-    summary = load_summary(folder)
+    stored = _stored_summary(folder)
+    checksum = stored.pop(_CHECKSUM, None)
     try:
-        with xr.open_datatree(folder / POSTERIOR, engine="h5netcdf") as tree:
+        posterior = (folder / POSTERIOR).read_bytes()
+        if checksum not in (None, hashlib.sha256(posterior).hexdigest()):
+            msg = f"{POSTERIOR} does not have the checksum in {SUMMARY}"
+            raise ValueError(msg)
+        with xr.open_datatree(posterior, engine="h5netcdf") as tree:
             draws = tree.load()
         text = read_ordinary(folder / CONFIG, MAX_TEXT_BYTES).decode("utf-8")
     except _DAMAGE as error:
         msg = f"{folder}: the run is damaged ({error}). Fit again into another folder"
         raise RunFolderError(msg) from None
-    return Analysis(summary, draws, text, design=load_design(folder, summary))
+    return Analysis(stored, draws, text, design=load_design(folder, stored))
 
 
 def load_summary(folder: Path) -> dict[str, Any]:
-    """Read and validate ``summary.json``.
+    """Read and validate ``summary.json``, as `Analysis` has it.
 
     Raises
     ------
     RunFolderError
     """
+    summary = _stored_summary(folder)
+    summary.pop(_CHECKSUM, None)
+    return summary
+
+
+def _stored_summary(folder: Path) -> dict[str, Any]:
     if not is_finished(folder):
         msg = f"{folder}: not a finished run (no {SUMMARY}). Give the folder that 'fit' printed"
         raise RunFolderError(msg)

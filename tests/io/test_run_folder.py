@@ -164,6 +164,26 @@ def test_a_summary_that_does_not_fit_is_not_written(loaded: Analysis, tmp_path: 
     assert list(tmp_path.iterdir()) == []
 
 
+def test_one_bit_of_a_draw_is_noticed(run: Path) -> None:
+    """HDF5 has no checksum of its own here: the number would only be another one."""
+    content = bytearray((run / "posterior.nc").read_bytes())
+    draws = load_analysis(run).draws["posterior"]["n"].values
+    at = content.find(np.ascontiguousarray(draws.ravel()[:4]).tobytes())
+    assert at > 0
+    content[at] ^= 1
+    (run / "posterior.nc").write_bytes(content)
+    with pytest.raises(RunFolderError, match=r"posterior\.nc does not have the checksum"):
+        load_analysis(run)
+
+
+def test_a_run_without_a_checksum_is_read(run: Path) -> None:
+    """As an earlier version wrote it."""
+    summary = json.loads((run / "summary.json").read_text(encoding="utf-8"))
+    assert len(summary.pop("posterior_sha256")) == 64
+    (run / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
+    assert load_analysis(run).summary == summary
+
+
 @pytest.mark.parametrize("name", ["posterior.nc", "config.toml"])
 @pytest.mark.parametrize("how", ["missing", "cut", "empty"])
 def test_a_missing_or_damaged_file_is_an_error_with_advice(run: Path, name: str, how: str) -> None:
