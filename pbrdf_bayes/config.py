@@ -22,6 +22,15 @@ AUTO = ("auto",)
 """``effects`` of a run that leaves the choice to the data."""
 LINE_SHAPES = ("lorentzian", "gaussian", "voigt", "cauchy")
 FRESNEL_AT = ("mean-sine", "geometric-mean", "mean-angle")
+_ELSEWHERE = {
+    **{shape: f'a line shape: give line_shape = "{shape}" in the configuration'
+       for shape in LINE_SHAPES},
+    **{at: f'a place of the Fresnel factor: give fresnel_at = "{at}" in the configuration'
+       for at in FRESNEL_AT},
+    "depolarisation": "a key of a scene (predict --scene) and an argument of pb.mueller",
+    "reciprocal": "a normalisation of predict: give --normalisation reciprocal with --params",
+}  # fmt: skip
+"""Words that are no effects, and what they are."""
 PRIOR_PRESETS = ("paint", "dielectric", "metal")
 BRDF_SCALES = ("absolute", "relative")
 HOLDOUTS = ("none", "recipe", "all")
@@ -257,18 +266,34 @@ def _effects(names: tuple[str, ...]) -> None:
     """Known ones, each once, and no two that say the same; or ``auto`` alone."""
     if names == AUTO:
         return
+    if names == ("none",):
+        msg = "effects = ['none'] is not allowed: in a configuration none is an empty list. Give []"
+        raise ConfigError(msg)
     for name in ("auto", "none"):
         if name in names:
             msg = f"effects: {name!r} stands alone. Give it without others, or name the effects"
             raise ConfigError(msg)
     for name in names:
-        _one_of("effects", name, EFFECTS)
+        _known_effect(name)
         if names.count(name) > 1:
             msg = f"effects: {name!r} is given twice. Give it once"
             raise ConfigError(msg)
     if "lambert" in names and "bulk" in names:
         msg = "effects: 'bulk' is an alternative to 'lambert', not an addition. Give one of them"
         raise ConfigError(msg)
+
+
+def _known_effect(name: Any) -> None:
+    """Refuse what is no effect, and say what it is where it has its place elsewhere."""
+    if name in EFFECTS:
+        return
+    elsewhere = _ELSEWHERE.get(name, "") if isinstance(name, str) else ""
+    hint = f" It is {elsewhere}." if elsewhere else did_you_mean(str(name), EFFECTS)
+    msg = (
+        f"effects = {show_value(name)} is not known.{hint} Allowed: none (effects = [] in a "
+        f"configuration), 'auto' alone, or any of {', '.join(map(repr, EFFECTS))}"
+    )
+    raise ConfigError(msg)
 
 
 def _one_of(key: str, value: Any, allowed: Iterable[str]) -> None:

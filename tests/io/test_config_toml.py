@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pbrdf_bayes.config import ACCURACIES, RunConfig
+from pbrdf_bayes.config import ACCURACIES, LINE_SHAPES, RunConfig
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.io.config_toml import config_from_table, config_table, config_to_toml, read_config
 from pbrdf_bayes.io.outside import MAX_TEXT_BYTES
@@ -213,6 +213,36 @@ def test_a_table_with_an_unknown_key_is_our_error() -> None:
     table: dict[str, Any] = {**config_table(RunConfig()), "chromatic": True}
     with pytest.raises(ConfigError, match="chromatic"):
         config_from_table(table)
+
+
+@pytest.mark.parametrize(
+    ("word", "place"),
+    [
+        *((shape, f'a line shape: give line_shape = "{shape}"') for shape in LINE_SHAPES),
+        ("geometric-mean", 'give fresnel_at = "geometric-mean"'),
+        ("depolarisation", "a key of a scene"),
+        ("reciprocal", "--normalisation reciprocal"),
+    ],
+)
+def test_a_word_that_is_no_effect_is_shown_its_place(tmp_path, word, place):
+    """Beside it stand the file or the option, the key, and all that is allowed."""
+    path = tmp_path / "run.toml"
+    path.write_text(f"effects = ['{word}']\n", encoding="utf-8")
+    cases = ((path, {}, str(path)), (None, {"effects": (word,)}, "--effects"))
+    for file, options, where in cases:
+        with pytest.raises(ConfigError) as one:
+            read_config(file, options)
+        message = str(one.value)
+        assert message.startswith(f"{where}: effects = '{word}' is not known. It is ")
+        assert place in message
+        assert "Allowed: none (effects = [] in a configuration), 'auto' alone, or any" in message
+
+
+def test_none_in_a_file_is_an_empty_list(tmp_path):
+    path = tmp_path / "run.toml"
+    path.write_text('effects = ["none"]\n', encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"run\.toml: effects = .* Give \[\]"):
+        read_config(path, {})
 
 
 def test_a_wrong_option_is_named_and_not_the_file(tmp_path):
