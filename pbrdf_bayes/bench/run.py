@@ -20,10 +20,11 @@ from pbrdf_bayes.bench.scenes import measure_scenes
 from pbrdf_bayes.bench.speed import measure_headline, measure_options, measure_scaling
 from pbrdf_bayes.bench.timing import describe_machine
 from pbrdf_bayes.io.run_folder import write_text
+from pbrdf_bayes.io.significant import significant
 
 DEFAULT_FOLDER = Path("reports") / "accuracy_vs_time"
 SCHEMA_VERSION = 1
-_SIGNIFICANT = 5
+_DIGITS = 5
 
 
 def run_bench(
@@ -67,7 +68,7 @@ def run_bench(
     with threadpool_limits(limits=1):
         for name, measure in stages.items():
             told(name.replace("_", " "))
-            found[name] = _rounded(measure())
+            found[name] = significant(measure(), _DIGITS)
     found["seconds"] = round(perf_counter() - started, 1)
     return found
 
@@ -153,12 +154,3 @@ def text_table(result: dict[str, Any]) -> str:
         if "exponent" in series
     )
     return "\n".join([*lines, "", f"growth: exponents {exponents}", ""])
-
-
-def _rounded(value: Any) -> Any:
-    """The same structure with floats to five significant digits."""
-    if isinstance(value, dict):
-        return {key: _rounded(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_rounded(item) for item in value]
-    return float(f"{value:.{_SIGNIFICANT}g}") if isinstance(value, float) else value

@@ -35,6 +35,7 @@ from pbrdf_bayes.inference.map_fit import find_map
 from pbrdf_bayes.inference.mixture import fit_mixture
 from pbrdf_bayes.inference.posterior import build_posterior
 from pbrdf_bayes.io.run_folder import write_text
+from pbrdf_bayes.io.significant import significant
 from pbrdf_bayes.measurement import Measurement, measurement_from_columns
 from pbrdf_bayes.model import Parameters
 from pbrdf_bayes.simulate import simulate_measurement
@@ -65,6 +66,7 @@ CANDIDATES: tuple[Candidate, ...] = tuple(
 """Scans at new angles, a repeat of what was measured, and DHR."""
 _MISFIT, _NOISE, _U_DHR = 0.03, 0.02, 0.001
 _COMPONENTS = 5
+_DIGITS = 4
 _N_PROPOSALS, _N_DRAWS = 16_000, 4_000
 _N_BEFORE = 8
 """Fits of the first measurement whose entropies are averaged: its error is in every drop."""
@@ -329,20 +331,12 @@ def run_loop(
 def write_loop(result: dict[str, Any], folder: Path) -> Path:
     """Write ``index.html`` and ``design_loop.json``; returns the page's path."""
     folder.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(rounded(result), indent=1, ensure_ascii=False)
+    shown = significant(result, _DIGITS)
+    text = json.dumps(shown, indent=1, ensure_ascii=False)
     write_text(folder / "design_loop.json", text + "\n")
     page = folder / "index.html"
-    write_text(page, render_loop(rounded(result)))
+    write_text(page, render_loop(shown))
     return page
-
-
-def rounded(value: Any) -> Any:
-    """Numbers to four significant digits."""
-    if isinstance(value, dict):
-        return {key: rounded(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [rounded(item) for item in value]
-    return float(f"{value:.4g}") if isinstance(value, float) else value
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from pbrdf_bayes.cli import main
+from pbrdf_bayes.io.significant import significant
 from pbrdf_bayes.report.conformity import probability_text, rule_text, tolerance_text, where_text
 from pbrdf_bayes.report.figures_conformity import conformity_pictures
 from pbrdf_bayes.report.numbers import rounded
@@ -30,6 +31,7 @@ SEEDS = {"paint_a": 11, "paint_b": 12, "paint_c": 13}
 KEPT = ("name", "quantity", "polarization", "difference", "unit", "lower", "upper", "verdict",
         "reason", "judged", "probability", "worst", "theta_i_deg", "theta_r_deg", "mean", "u",
         "q025", "q975")  # fmt: skip
+DIGITS = 6
 
 
 def run(*arguments: str) -> None:
@@ -40,7 +42,7 @@ def run(*arguments: str) -> None:
 
 
 def judge(paint: str, folder: Path) -> dict[str, Any]:
-    """Simulate, fit and judge a paint below ``folder``; its conformity, numbers to six digits."""
+    """Simulate, fit and judge a paint below ``folder``; its conformity, numbers to `DIGITS`."""
     parameters = {"n": 1.526, "k": 0.193, "sigma_n0": PAINTS[paint], "rho0": 0.47}
     readings, out, result = folder / f"{paint}.csv", folder / paint, folder / f"{paint}.json"
     run("simulate", "--params", json.dumps(parameters), "--sample", paint, "--seed",
@@ -50,16 +52,7 @@ def judge(paint: str, folder: Path) -> dict[str, Any]:
     run("conform", str(out), "--limits", str(LIMITS), "--json", str(result))
     found = json.loads(result.read_text(encoding="utf-8"))
     found["limits"] = [{key: limit[key] for key in KEPT} for limit in found["limits"]]
-    return dict(shortened(found))
-
-
-def shortened(value: Any) -> Any:
-    """Numbers to six significant digits."""
-    if isinstance(value, dict):
-        return {key: shortened(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [shortened(item) for item in value]
-    return float(f"{value:.6g}") if isinstance(value, float) else value
+    return dict(significant(found, DIGITS))
 
 
 LOOKS = {"ACCEPT": "#1a6b3c", "REJECT": "#a8201a", "UNDECIDED": "#8a5300"}

@@ -36,6 +36,7 @@ from pbrdf_bayes.design.hemispherical import (
     hemispherical_values,
 )
 from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.io.significant import significant
 from pbrdf_bayes.measurement import Measurement, measurement_from_columns
 from pbrdf_bayes.model import DOMAIN
 from pbrdf_bayes.physics.geometry import prepare_geometry
@@ -46,6 +47,7 @@ from pbrdf_bayes.validation.experiments import draw_misfit, matern
 Array = NDArray[np.float64]
 
 HERE = Path(__file__).parent
+DIGITS = 4
 N_REPEATS = 8
 """Independent sets of noise for each paint."""
 PORTS = (2.0, 5.0, 10.0, 15.0, 20.0)
@@ -263,16 +265,8 @@ def run() -> dict[str, Any]:
     ]
     return {
         "version": __version__, "seconds": round(perf_counter() - started), "n": N_REPEATS,
-        "table": shortened(averaged(rows)),
+        "table": significant(averaged(rows), DIGITS),
     }  # fmt: skip
-
-
-def shortened(table: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Numbers to four significant digits."""
-    return [
-        {k: float(f"{v:.4g}") if isinstance(v, float) else v for k, v in row.items()}
-        for row in table
-    ]
 
 
 # ---------------------------------------------------------------------------------- page
