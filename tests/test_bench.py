@@ -14,11 +14,13 @@ import pytest
 
 from pbrdf_bayes import cli
 from pbrdf_bayes.bench import baselines, closed_form, normalisation, samples, speed
-from pbrdf_bayes.config import EFFECTS
+from pbrdf_bayes.bench.run import DEFAULT_FOLDER
+from pbrdf_bayes.config import EFFECTS, FRESNEL_AT, LINE_SHAPES, RunConfig
 from pbrdf_bayes.physics.normalisation import incidence, normalisation_integrals, workspace
 from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
 
-BENCHMARKS = Path(__file__).parent / "benchmarks"
+ROOT = Path(__file__).parents[1]
+BENCHMARKS = ROOT / "tests" / "benchmarks"
 KEYS = {
     "schema_version", "version", "created_utc", "quick", "machine", "seconds", "headline",
     "normalisation", "error_map", "posterior_shift", "ladder", "scaling", "samples", "options",
@@ -118,6 +120,53 @@ def test_processes_fit_samples() -> None:
         seconds = list(samples.by_workers(pool)([job, job, job]))
     assert seconds == sorted(seconds)
     assert len(seconds) == 3
+
+
+def test_one_polarisation_and_unpolarised_are_compared_at_equal_angles(
+    result: dict[str, Any],
+) -> None:
+    """With the row of s and p: the same angles and readings a scan, half the scans, no DHR."""
+    both = speed.paper_posterior().measurement
+    cases = speed._of_one_scan_an_angle(RunConfig())
+    assert [{scan.polarization for scan in m.scans} for m, _ in cases.values()] == [{"s"}, {"u"}]
+    for one, _ in cases.values():
+        assert 2 * len(one.scans) == len(both.scans)
+        assert {s.theta_i_deg for s in one.scans} == {s.theta_i_deg for s in both.scans}
+        assert 2 * len(one.brdf) == len(both.brdf)
+        assert len(one.dhr) == 0
+    assert set(cases) <= {row["option"] for row in result["options"]}
+
+
+def test_costs_in_the_readme_are_those_of_the_stored_page() -> None:
+    """To the two digits that are told."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    stored = json.loads((ROOT / DEFAULT_FOLDER / "bench.json").read_text(encoding="utf-8"))
+    ratios = {row["option"]: row["ratio"] for row in stored["options"]}
+    scenes = {row["scene"]: row["ratio"] for row in stored["scenes"]}
+    told: dict[str, float] = {}
+    for line in re.findall(
+        r"^\| `(?!effects`).*\|$", text.split("## Effects")[1].split("## ")[0], re.MULTILINE
+    ):
+        names, *_, cost = line.strip("| ").split(" | ")
+        told |= {f"effect {n}": float(cost.split()[0]) for n in re.findall(r"`(\w+)`", names)}
+    for name in LINE_SHAPES[1:]:
+        cost = re.search(rf"`{name}`(?: costs)?\s(\d+)", text)
+        told[f"{name} line shape"] = float(cost[1] if cost else "nan")
+    for at in FRESNEL_AT[1:]:
+        cost = re.search(rf"`{at}`\s(\d+)", text)
+        told[f"Fresnel factor at {at}"] = float(cost[1] if cost else "nan")
+    assert set(told) == {
+        name for name in ratios if name.startswith(("effect", "Fresnel")) or "shape" in name
+    }
+    for name, cost in told.items():
+        assert cost == float(f"{ratios[name]:.2g}"), name
+    quoted = re.search(
+        r"in plane s alone costs\s([\d.]+) of s and p, over the hemisphere ([\d.]+)", text
+    )
+    assert quoted is not None
+    for share, place in zip(quoted.groups(), ("in plane", "half of the hemisphere"), strict=True):
+        ratio = scenes[f"{place}, s"] / scenes[f"{place}, s and p"]
+        assert share == f"{ratio:.2f}"
 
 
 def test_page_says_what_can_be_switched_on(folder: Path) -> None:

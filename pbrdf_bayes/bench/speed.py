@@ -202,6 +202,18 @@ def _with_effects(measurement: Measurement, off: RunConfig) -> dict[str, _Case]:
     return {name: (measurement, config) for name, config in cases.items()}
 
 
+def _of_one_scan_an_angle(off: RunConfig) -> dict[str, _Case]:
+    """One scan at each angle of incidence in place of s and p: half the scans, the same angles."""
+    words = {"s": "s readings alone", "u": "unpolarised readings"}
+    return {
+        f"{word}, the same angles, half the scans": (
+            simulate_measurement(GREEN_PAINT, seed=1, polarizations=(q,), dhr_theta_i_deg=()),
+            off,
+        )
+        for q, word in words.items()
+    }
+
+
 def measure_options(*, quick: bool) -> list[dict[str, Any]]:
     """Cost of every option switched on alone, relative to all off, and of the gradient.
 
@@ -214,10 +226,6 @@ def measure_options(*, quick: bool) -> list[dict[str, Any]]:
     brdf_only = select_scans(measurement, np.ones(len(measurement.scans), dtype=bool), dhr=False)
     off = RunConfig(noise="iid", u_dhr_cal=0.0)
     correlated = replace(off, noise="correlated")
-    unpolarised = simulate_measurement(
-        GREEN_PAINT, seed=1, polarizations=("u",), dhr_theta_i_deg=(),
-        theta_i_deg=tuple(np.linspace(0.0, 80.0, 10).tolist()),
-    )  # fmt: skip
     cases = {
         "all off: the four-parameter model, BRDF rows only": (brdf_only, off),
         "DHR readings": (measurement, off),
@@ -225,7 +233,7 @@ def measure_options(*, quick: bool) -> list[dict[str, Any]]:
         "calibration gain of each scan": (brdf_only, replace(off, u_brdf_cal=0.02)),
         "scale of each scan free": (measurement, replace(off, brdf_scale="relative")),
         "instrument floor": (brdf_only, replace(off, brdf_floor=1e-6)),
-        "unpolarised readings instead of s and p": (unpolarised, off),
+        **_of_one_scan_an_angle(off),
         "discrepancy correlated along theta_r (Matérn 3/2)": (brdf_only, correlated),
         "the same, Matérn 1/2": (brdf_only, replace(correlated, discrepancy="matern-1/2")),
         "discrepancy and calibration gain": (brdf_only, replace(correlated, u_brdf_cal=0.02)),
