@@ -17,7 +17,13 @@ from typing import NoReturn
 
 from pbrdf_bayes import __version__
 from pbrdf_bayes.errors import PbrdfError
-from pbrdf_bayes.verbs.arguments import BAD_INPUT, DONE, INTERRUPTED, interrupted
+from pbrdf_bayes.verbs.arguments import (
+    BAD_INPUT,
+    DONE,
+    INTERRUPTED,
+    HelpFormatter,
+    interrupted,
+)
 from pbrdf_bayes.verbs.batch import add_batch
 from pbrdf_bayes.verbs.conform import add_conform
 from pbrdf_bayes.verbs.design import add_design
@@ -32,7 +38,7 @@ from pbrdf_bayes.verbs.one_sample import (
 
 _SIGNED = ("--theta-i", "--theta-r", "--dhr-theta-i", "--phi-r")
 _EPILOG = """\
-exit codes: 0 done (a QA FAIL is still done; --strict makes it 4), 2 bad input or usage,
+exit codes: 0 done (the verdict FAIL is still done; --strict makes it 4), 2 bad input or usage,
 3 the computation did not converge (results kept, marked), 130 interrupted
 
 the CSV: UTF-8 with a header; columns sample, wavelength_um, quantity (brdf or dhr),
@@ -135,7 +141,7 @@ def build_parser() -> argparse.ArgumentParser:
         description="Posterior of (n, k, sigma_N0, rho0) of a paint sample from BRDF scans and DHR "
         "readings, with predicted s and p curves and a report to file.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=HelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"pbrdf-bayes {__version__}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")

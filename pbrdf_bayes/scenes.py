@@ -31,15 +31,16 @@ SCENE_HELP = """\
 a scene file (angles in degrees: a list, or "LO:HI:STEP"; what is not asked for is not computed):
   theta_i_deg = [20, 60]
   theta_r_deg = "0:85:2.5"
-  phi_r_deg = "0:180:5"             # without it a scan in plane, theta_r_deg with sign
+  phi_r_deg = "0:180:5"             # without it in plane, theta_r_deg with sign
   polarizations = ["s", "p", "u"]
   dhr_theta_i_deg = "0:85:5"
-  wavelength_um = [0.65, 3.39]      # one, or several with a run of each; left out: all runs given
-  stokes_incident = "u"             # Stokes components of the light scattered from it
+  wavelength_um = [0.65, 3.39]      # a run of each; left out: all runs given
+  stokes_incident = "u"             # light whose Stokes components are wanted
   depolarisation = 0.1              # share of it that is depolarised
   instrument = false                # with the effects of the instrument
   n_draws = 400                     # of the posterior, for the bands
-  [effects]                         # with --params only: line_shape, lambert, volume, ...
+  [effects]                         # with --params only: line_shape, lambert, ...
+
 written to --out DIR: scene.csv, scene.nc, scene.html and its pictures as SVG; the CSV alone goes to
 standard output with --out -
 """

@@ -24,7 +24,7 @@ import pytest
 import xarray as xr
 
 import pbrdf_bayes as pb
-from pbrdf_bayes.cli import main
+from pbrdf_bayes.cli import build_parser, main
 from pbrdf_bayes.io.run_folder import load_analysis
 from pbrdf_bayes.workflow.prediction import COLUMNS
 
@@ -88,6 +88,42 @@ def test_help_of_every_verb_lists_its_options(capsys: pytest.CaptureFixture[str]
         assert run(verb, "--help") == 0
         text = capsys.readouterr().out
         assert [option for option in options if option not in text] == [], verb
+
+
+@pytest.mark.parametrize(
+    "verb",
+    ["", "check", "fit", "batch", "report", "predict", "conform", "design", "simulate", "bench"],
+)
+def test_help_fits_a_terminal(
+    verb: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At 80 columns; lines of a file that is shown, with what they mean, may be longer."""
+    monkeypatch.setenv("COLUMNS", "80")
+    assert run(*verb.split(), "--help") == 0
+    text = capsys.readouterr().out
+    long = [line for line in text.splitlines() if len(line) > 80 and "  #" not in line]
+    assert [line for line in long if not line.lstrip().startswith("#")] == []
+
+
+def test_help_says_what_every_option_is() -> None:
+    verbs = next(a for a in build_parser()._actions if isinstance(a.choices, dict)).choices
+    silent = [
+        f"{verb} {action.option_strings[0]}"
+        for verb, parser in verbs.items()
+        for action in parser._actions
+        if action.option_strings and not action.help
+    ]
+    assert silent == []
+
+
+def test_help_fills_text_and_keeps_examples(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert run("predict", "--help") == 0
+    text = capsys.readouterr().out
+    assert '\n  phi_r_deg = "0:180:5"             # without it in plane' in text
+    assert "\nwritten to --out DIR: scene.csv, scene.nc, scene.html and its pictures as" in text
 
 
 def test_help_loads_nothing_heavy() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import threading
 from collections.abc import Callable
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +17,30 @@ interrupted = threading.Event()
 """Set by a signal: an exception that meets a foreign callback is lost there."""
 
 
+class HelpFormatter(argparse.HelpFormatter):
+    """Paragraphs of running text are filled, lines of examples stay as they are.
+
+    An example is what is indented by two blanks; an empty line parts paragraphs.
+    """
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        filled: list[str] = []
+        for is_example, lines in groupby(
+            text.splitlines(), lambda line: line.startswith("  ") or not line
+        ):
+            if is_example:
+                filled += [f"{indent}{line}" for line in lines]
+            else:
+                filled.append(super()._fill_text(" ".join(lines), width, indent))
+        return "\n".join(filled)
+
+
 def add_verb(
     verbs: Any, name: str, run: Callable[[argparse.Namespace], int], text: str, epilog: str = ""
 ) -> argparse.ArgumentParser:
     """A sub-parser whose options are handed to ``run``, which returns the exit code."""
-    style = argparse.RawDescriptionHelpFormatter
     parser: argparse.ArgumentParser = verbs.add_parser(
-        name, help=text, description=text, epilog=epilog, formatter_class=style
+        name, help=text, description=text, epilog=epilog, formatter_class=HelpFormatter
     )
     parser.set_defaults(run=run)
     return parser

@@ -37,7 +37,7 @@ def add_design(verbs: Any) -> None:
         verbs,
         "design",
         _design,
-        "What to measure next: expected information, for each and for each minute.",
+        "What to measure next: expected information of each measurement.",
         epilog=_EPILOG,
     )
     parser.add_argument("folder", type=Path, metavar="DIR", nargs="?", help="a finished run")
@@ -103,14 +103,14 @@ def _add_candidates(parser: argparse.ArgumentParser) -> None:
         type=angles,
         default=angles("0:85:5"),
         metavar="LO:HI:STEP",
-        help="angles of incidence, or a list with commas (0:85:5)",
+        help="angles of incidence [deg], or a list with commas (0:85:5)",
     )
     parser.add_argument(
         "--theta-r",
         type=grid,
         default=[],
         metavar="LO:HI:STEP",
-        help="of every scan (as the sample has been scanned so far)",
+        help="of every scan [deg] (as the sample has been scanned so far)",
     )
     parser.add_argument(
         "--polarization",

@@ -34,16 +34,17 @@ _STDOUT = Path("-")
 def add_check(verbs: Any) -> None:
     """The verb ``check``."""
     parser = add_verb(verbs, "check", _check, "Validate a CSV and summarise what it holds.")
-    parser.add_argument("csv", type=Path, metavar="CSV")
-    parser.add_argument("--brdf-floor", type=float, metavar="SR-1",
-                        help="noise-equivalent BRDF; readings up to it are censored")  # fmt: skip
+    parser.add_argument("csv", type=Path, metavar="CSV", help="readings")
+    parser.add_argument("--brdf-floor", type=float, metavar="X",
+                        help="noise-equivalent BRDF [1/sr]; readings up to it are "
+                        "censored")  # fmt: skip
     parser.add_argument("--config", type=Path, metavar="TOML", help="takes brdf_floor from it")
 
 
 def add_fit(verbs: Any) -> None:
     """The verb ``fit``."""
     parser = add_verb(verbs, "fit", _fit, "Fit a sample: MAP, posterior, diagnostics, report.")
-    parser.add_argument("csv", type=Path, metavar="CSV")
+    parser.add_argument("csv", type=Path, metavar="CSV", help="readings")
     parser.add_argument("--sample", metavar="NAME", help="which sample of the file")
     parser.add_argument("--wavelength", type=float, metavar="UM", help="which wavelength [um]")
     parser.add_argument("--out", type=Path, metavar="DIR",
@@ -59,7 +60,7 @@ def add_fit(verbs: Any) -> None:
 def add_report(verbs: Any) -> None:
     """The verb ``report``."""
     parser = add_verb(verbs, "report", _report, "Rebuild the report of a run folder.")
-    parser.add_argument("folder", type=Path, metavar="DIR")
+    parser.add_argument("folder", type=Path, metavar="DIR", help="a finished run")
     add_paperwork(parser, limits=False)
 
 
@@ -75,9 +76,11 @@ def add_predict(verbs: Any) -> None:
     _add_parameters(parser, required=False)
     _add_angles(parser, theta_r="-85:85:1")
     parser.add_argument("--dhr-theta-i", type=numbers, default=[], metavar="DEG,...",
-                        help="incidence angles of DHR rows")  # fmt: skip
-    parser.add_argument("--phi-r", type=float, default=0.0, metavar="DEG", help="azimuth (0)")
-    parser.add_argument("--rtol", type=float, default=1e-8, help="tolerance with --params (1e-8)")
+                        help="incidence angles of DHR rows [deg] (none)")  # fmt: skip
+    parser.add_argument("--phi-r", type=float, default=0.0, metavar="DEG",
+                        help="azimuth of the scattering directions [deg] (0)")  # fmt: skip
+    parser.add_argument("--rtol", type=float, default=1e-8, metavar="X",
+                        help="relative tolerance with --params (1e-8)")  # fmt: skip
     parser.add_argument("--normalisation", default="paper", choices=("paper", "reciprocal"),
                         help="with --params: that of Eq. (4) (default), or one that is reciprocal "
                         "in plane with the same DHR")  # fmt: skip
@@ -94,17 +97,24 @@ def add_simulate(verbs: Any) -> None:
     _add_angles(parser, theta_r="-80:80:0.5")
     parser.add_argument("--dhr-theta-i", type=numbers, metavar="DEG,...",
                         default=[float(a) for a in range(10, 90, 10)],
-                        help="incidence angles of DHR readings (10,20..80; none: '')")  # fmt: skip
-    parser.add_argument("--sample", default="paint_simulated", metavar="NAME")
-    parser.add_argument("--wavelength", type=float, default=3.39, metavar="UM")
-    parser.add_argument("--seed", type=seed, default=1, metavar="N", help="seed of the noise")
-    parser.add_argument("--noise", type=float, default=0.02, help="relative noise (0.02)")
-    parser.add_argument("--dhr-noise", type=float, default=0.0005, help="noise of DHR (0.0005)")
-    parser.add_argument("--calibration", type=float, default=0.0,
-                        help="relative sd of the gain of each scan (0)")  # fmt: skip
-    parser.add_argument("--dhr-calibration", type=float, default=0.0,
-                        help="relative sd of the DHR gain of a polarisation (0)")  # fmt: skip
-    parser.add_argument("--out", type=Path, required=True, metavar="CSV")
+                        help="incidence angles of DHR readings [deg] (10,20..80; "
+                        "none: '')")  # fmt: skip
+    parser.add_argument("--sample", default="paint_simulated", metavar="NAME",
+                        help="name of the sample (paint_simulated)")  # fmt: skip
+    parser.add_argument("--wavelength", type=float, default=3.39, metavar="UM",
+                        help="wavelength [um] (3.39)")  # fmt: skip
+    parser.add_argument("--seed", type=seed, default=1, metavar="N",
+                        help="seed of the noise (1)")  # fmt: skip
+    parser.add_argument("--noise", type=float, default=0.02, metavar="X",
+                        help="relative noise of a BRDF reading [1] (0.02)")  # fmt: skip
+    parser.add_argument("--dhr-noise", type=float, default=0.0005, metavar="X",
+                        help="noise of a DHR reading [1] (0.0005)")  # fmt: skip
+    parser.add_argument("--calibration", type=float, default=0.0, metavar="X",
+                        help="relative sd of the gain of each scan [1] (0)")  # fmt: skip
+    parser.add_argument("--dhr-calibration", type=float, default=0.0, metavar="X",
+                        help="relative sd of the DHR gain of a polarisation [1] (0)")  # fmt: skip
+    parser.add_argument("--out", type=Path, required=True, metavar="CSV",
+                        help="file of the readings")  # fmt: skip
 
 
 def add_bench(verbs: Any) -> None:
@@ -124,9 +134,10 @@ def _add_parameters(parser: argparse.ArgumentParser, *, required: bool) -> None:
 
 def _add_angles(parser: argparse.ArgumentParser, *, theta_r: str) -> None:
     parser.add_argument("--theta-i", type=numbers, default=[0.0, 20.0, 40.0, 60.0, 80.0],
-                        metavar="DEG,...", help="incidence angles (0,20,40,60,80)")  # fmt: skip
+                        metavar="DEG,...",
+                        help="incidence angles [deg] (0,20,40,60,80)")  # fmt: skip
     parser.add_argument("--theta-r", type=grid, default=grid(theta_r), metavar="LO:HI:STEP",
-                        help=f"scattering angles, or a single one ({theta_r})")  # fmt: skip
+                        help=f"scattering angles [deg], or a single one ({theta_r})")  # fmt: skip
     parser.add_argument("--polarization", type=words, default=["s", "p"], metavar="s,p,u",
                         help="polarisations (s,p)")  # fmt: skip
 
