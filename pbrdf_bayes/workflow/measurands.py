@@ -6,13 +6,15 @@ sample, that of the model times exp(delta): delta is the discrepancy of the like
 process along theta_r of amplitude tau and length ell_deg, one path for each angle of incidence,
 plane and polarisation, drawn along with the parameters. Where a geometry was measured the path is
 drawn given its readings; elsewhere from its law, as it is where the likelihood is filtered (floor,
-Student's t), which only widens it. The DHR has no discrepancy of its own. All limits share the
-same draws and paths.
+Student's t), which only widens it. Unpolarised light is half s and half p: where it was not measured
+itself, its BRDF is the mean of those of s and p, each with its own path; in a run that has neither s
+nor p its discrepancy is its own. The DHR has no discrepancy of its own. All limits share the same
+draws and paths.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from itertools import repeat
 from typing import Any
@@ -72,11 +74,12 @@ def draw_measurands(sample: Sample, limits: Iterable[Limit]) -> dict[str, Array]
     """Draws of what each limit is on, shape (n_draws, n_points), by the name of the limit."""
     limits = list(limits)
     rng = np.random.default_rng([int(sample.analysis.summary["seed"]), 8])
-    drawn = _model(sample)
+    drawn, measured = _model(sample), _measured(sample)
     asked: dict[Key, set[float]] = {}
     for limit in limits:
-        for key, theta_r in _points(limit):
-            asked.setdefault(key, set()).add(theta_r)
+        for keys, theta_r in _points(limit, measured):
+            for key in keys:
+                asked.setdefault(key, set()).add(theta_r)
     brdf = _draw_brdf(sample, drawn, {key: np.array(sorted(v)) for key, v in asked.items()}, rng)
     found = {}
     for limit in limits:
@@ -85,7 +88,7 @@ def draw_measurands(sample: Sample, limits: Iterable[Limit]) -> dict[str, Array]
         elif limit.quantity == "dhr":
             found[limit.name] = _dhr(drawn, limit)
         else:
-            found[limit.name] = _of_brdf(limit, brdf)
+            found[limit.name] = _of_brdf(limit, measured, brdf)
     return found
 
 
@@ -113,17 +116,30 @@ def _words(limit: Limit) -> tuple[str, ...]:
     return (limit.polarization,) if limit.quantity == "brdf" else ()
 
 
-def _points(limit: Limit) -> list[tuple[Key, float]]:
-    """Group and signed scattering angle of the points of a limit on BRDF, a polarisation each."""
+def _measured(sample: Sample) -> set[Key]:
+    scans = sample.posterior.measurement.scans
+    return {(scan.theta_i_deg, scan.phi_r_deg, scan.polarization) for scan in scans}
+
+
+def _points(limit: Limit, measured: Set[Key]) -> list[tuple[tuple[Key, ...], float]]:
+    """Groups whose mean the BRDF is, and signed scattering angle, of the points of a limit."""
     theta_r, phi_r = name_half_plane(
         np.array(limit.theta_r_deg), np.full(len(limit.theta_r_deg), limit.phi_r_deg)
     )
     return [
-        ((float(theta_i), float(phi), q), float(theta))
+        (_sources(measured, (float(theta_i), float(phi), q)), float(theta))
         for q in _words(limit)
         for theta_i in limit.theta_i_deg
         for theta, phi in zip(theta_r, phi_r, strict=True)
     ]
+
+
+def _sources(measured: Set[Key], key: Key) -> tuple[Key, ...]:
+    """The group itself, or those of s and p where they tell what unpolarised light was not seen."""
+    theta_i, phi, q = key
+    if q != "u" or key in measured or all(word == "u" for *_, word in measured):
+        return (key,)
+    return (theta_i, phi, "s"), (theta_i, phi, "p")
 
 
 def _draw_brdf(
@@ -225,16 +241,21 @@ def _readings_of(posterior: Posterior, x: Array, key: Key) -> dict[str, Any] | N
     }
 
 
-def _of_brdf(limit: Limit, brdf: Mapping[Key, tuple[Array, Array]]) -> Array:
+def _of_brdf(limit: Limit, measured: Set[Key], brdf: Mapping[Key, tuple[Array, Array]]) -> Array:
     """Draws at the points of a limit on BRDF or on the ratio of s to p."""
-    columns = []
-    for key, theta_r in _points(limit):
-        angles, values = brdf[key]
-        columns.append(values[:, np.searchsorted(angles, theta_r)])
+    columns = [
+        np.mean([_at(brdf[key], theta_r) for key in keys], axis=0)
+        for keys, theta_r in _points(limit, measured)
+    ]
     found = np.stack(columns, axis=1)
     if limit.quantity == "brdf_ratio":
         found = found[:, : limit.n_points] / found[:, limit.n_points :]
     return found
+
+
+def _at(group: tuple[Array, Array], theta_r: float) -> Array:
+    angles, values = group
+    return np.asarray(values[:, np.searchsorted(angles, theta_r)])
 
 
 def _dhr(drawn: DrawnModel, limit: Limit) -> Array:

@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from html.parser import HTMLParser
 from io import BytesIO
 from pathlib import Path
@@ -124,6 +125,77 @@ def test_limits_share_draws_and_paths(run: Analysis) -> None:
     rows.append({"name": "r", "upper": 9.0, "quantity": "brdf_ratio", **at})
     found = draw_measurands(sample_of(run), specification_from_table({"limit": rows}).limits)
     assert np.array_equal(found["r"], found["s"] / found["p"])
+
+
+def test_unpolarised_light_where_s_and_p_were_measured(run: Analysis) -> None:
+    """Mean and covariance by dense algebra of the two scans, draw by draw of the parameters."""
+    sample = sample_of(run)
+    wanted = np.array([-40.0, 0.0, 20.0, 33.0])
+    u = limit(quantity="brdf", polarization="u", theta_i_deg=20, theta_r_deg=wanted.tolist())
+    found = draw_measurands(sample, [u])["x"]
+    names, m = sample.posterior.parameter_names, sample.posterior.measurement
+
+    def conditional(x: dict[str, float], q: str) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and covariance of the BRDF for one polarisation, from its readings alone."""
+        paint = pb.Parameters(**{key: x[key] for key in ("n", "k", "sigma_n0", "rho0")})
+        mine = (m.brdf.theta_i_deg == 20.0) & (m.brdf.polarization == q)
+        read = m.brdf.theta_r_deg[mine]
+        f_read, f = (pb.brdf(paint, 20.0, angles, q) for angles in (read, wanted))
+
+        def k(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+            r = np.sqrt(3.0) * np.abs(a[:, None] - b) / x["ell_deg"]
+            return np.asarray(x["tau"] ** 2 * (1.0 + r) * np.exp(-r))
+
+        gain = pb.RunConfig().u_brdf_cal ** 2
+        c = k(read, read) + gain + x[f"s_rel_{q}"] ** 2 * np.eye(read.size)
+        gains = np.linalg.solve(c, k(read, wanted)).T
+        mean = gains @ (np.log(m.brdf.value[mine]) - np.log(f_read))
+        v = k(wanted, wanted) - gains @ k(read, wanted)
+        e = f * np.exp(mean + 0.5 * np.diag(v))  # of a log-normal law
+        return e, np.outer(e, e) * np.expm1(v)
+
+    means, within = [], []
+    for row in sample.x[::20]:
+        x = dict(zip(names, row, strict=True))
+        (s, var_s), (p, var_p) = conditional(x, "s"), conditional(x, "p")
+        means.append(0.5 * (s + p))
+        within.append(0.25 * (var_s + var_p))
+    sd = np.sqrt(np.diag(np.mean(within, axis=0) + np.cov(np.array(means).T)))
+    error = sd * (1 / len(means) + 1 / len(found)) ** 0.5
+    assert np.all(np.abs(found.mean(axis=0) - np.mean(means, axis=0)) < 4.0 * error)
+    assert found.std(axis=0) == pytest.approx(sd, rel=0.1)
+
+
+@pytest.mark.parametrize("theta_i", [20, 45])
+@pytest.mark.parametrize("quantity", ["brdf", "dhr"])
+def test_unpolarised_light_is_half_s_and_half_p(
+    run: Analysis, theta_i: float, quantity: str
+) -> None:
+    at: dict[str, object] = {"quantity": quantity, "theta_i_deg": theta_i, "upper": 0.9}
+    at |= {} if quantity == "dhr" else {"theta_r_deg": [-20, 10]}
+    rows = [{"name": q, "polarization": q, **at} for q in "usp"]
+    found = draw_measurands(sample_of(run), specification_from_table({"limit": rows}).limits)
+    assert found["u"] == pytest.approx(0.5 * (found["s"] + found["p"]), rel=1e-12)
+
+
+def test_unpolarised_light_that_was_measured_has_its_own_readings(
+    tmp_path: Path,
+) -> None:
+    """Readings 20 % high for unpolarised light alone: the limit on it follows them."""
+    m = pb.simulate_measurement(
+        pb.GREEN_PAINT, seed=4, theta_i_deg=(30.0,), theta_r_deg=np.linspace(-60.0, 60.0, 21),
+        polarizations=("s", "p", "u"),
+    )  # fmt: skip
+    high = m.brdf.polarization == "u"
+    values = np.where(high, 1.2 * m.brdf.value, m.brdf.value)
+    pb.write_tidy_csv(replace(m, brdf=replace(m.brdf, value=values)), tmp_path / "u.csv")
+    config = pb.RunConfig(accuracy="draft", holdout=False)
+    fit_file(tmp_path / "u.csv", config, out=tmp_path / "run", seed=1)
+    analysis = load_analysis(tmp_path / "run")
+    wanted = limit(quantity="brdf", polarization="u", theta_i_deg=30, theta_r_deg=[-24, 6])
+    found = draw_measurands(sample_of(analysis), [wanted])["x"]
+    seen = [values[high & (m.brdf.theta_r_deg == angle)][0] for angle in (-24.0, 6.0)]
+    assert found.mean(axis=0) == pytest.approx(seen, rel=0.06)
 
 
 def test_dhr_and_parameter_are_those_of_the_draws(run: Analysis) -> None:
