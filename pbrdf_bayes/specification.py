@@ -194,10 +194,15 @@ class Specification:
         for limit in self.limits:
             if limit.guard is not None:
                 refuse_other_rule("guard", self.decision.rule, of=limit.name)
-        n = sum(limit.n_points for limit in self.limits)
+        n = self.n_points
         if n > MOST_POINTS:
             msg = f"the limits make {n} points; allowed are {MOST_POINTS}. Take wider steps"
             raise ConfigError(msg)
+
+    @property
+    def n_points(self) -> int:
+        """Points of all limits."""
+        return sum(limit.n_points for limit in self.limits)
 
     @property
     def needs_reference(self) -> bool:

@@ -16,6 +16,7 @@ draws (JCGM 101:2008, 7.6). The verdict follows from the decision rule:
     ACCEPT where the specific consumer's risk 1 - p_c (3.3.13) is at most its maximum; REJECT where
     the specific producer's risk p_c (3.3.14) is; else UNDECIDED.
 
+With n effective draws no risk below 1 - 0.025**(1/n), about 3.7/n, can be shown (`smallest_risk`).
 Whatever the Monte Carlo error of y, u or p_c leaves open at 95 % is UNDECIDED, and so is what a
 reservation speaks against: a parameter of a model that does not apply has no true value.
 """
@@ -25,11 +26,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betaincinv
 
+from pbrdf_bayes.config import ACCURACIES
 from pbrdf_bayes.inference.arviz_adapter import ess_of_mean
 from pbrdf_bayes.specification import DecisionRule
 
@@ -39,7 +42,8 @@ Flags = NDArray[np.bool_]
 ACCEPT, REJECT, UNDECIDED = "ACCEPT", "REJECT", "UNDECIDED"
 _Z = 1.96
 _OUTSIDE = 0.025
-_MONTE_CARLO = "the Monte Carlo error leaves it open: fit with a higher --accuracy"
+ESS_FINEST = float(ACCURACIES["reference"].ess_target)
+"""Effective draws of a fit of the highest accuracy, at least."""
 _RESERVED = "a limit that cannot be judged is left out of what is known"
 
 
@@ -136,6 +140,13 @@ class Overall:
     producer_risk: float
 
 
+class _Effective(NamedTuple):
+    """Effective draws that there are, and that a fit of higher accuracy would have."""
+
+    least: float
+    finest: float
+
+
 def count_probability(counts: Flags, ess_least: float) -> Probability:
     """Probability of an event from draws, with its Monte Carlo error.
 
@@ -171,8 +182,23 @@ def count_probability(counts: Flags, ess_least: float) -> Probability:
     return Probability(p, sqrt(p * (1.0 - p) / n), low, high, n)
 
 
+def smallest_risk(ess: float) -> float:
+    """The upper 95 % limit of the probability of an event that no effective draw has.
+
+    Examples
+    --------
+    >>> round(smallest_risk(1000.0), 5), round(smallest_risk(10_000.0), 6)
+    (0.00368, 0.000369)
+    """
+    return float(-np.expm1(np.log(_OUTSIDE) / max(ess, 1.0)))
+
+
 def judge_limits(
-    measurands: Sequence[Measurand], rule: DecisionRule, *, ess_least: float
+    measurands: Sequence[Measurand],
+    rule: DecisionRule,
+    *,
+    ess_least: float,
+    ess_finest: float = ESS_FINEST,
 ) -> tuple[tuple[Judged, ...], Overall]:
     """Verdict on each limit, and on all of them jointly.
 
@@ -183,6 +209,8 @@ def judge_limits(
     rule : DecisionRule
     ess_least : float
         Smallest effective sample size of the parameters.
+    ess_finest : float
+        What a fit of higher accuracy would have; at most `ess_least` where there is none.
 
     Returns
     -------
@@ -191,15 +219,14 @@ def judge_limits(
         judged; else ACCEPT where every limit is accepted, REJECT where one is rejected. A limit
         with a reservation bars ACCEPT, not REJECT: with it the probability is smaller still.
     """
+    ess = _Effective(ess_least, ess_finest)
     inside = [_inside(m) for m in measurands]
-    judged = tuple(
-        _judge(m, flags, rule, ess_least) for m, flags in zip(measurands, inside, strict=True)
-    )
+    judged = tuple(_judge(m, flags, rule, ess) for m, flags in zip(measurands, inside, strict=True))
     usable = [flags.all(axis=-1) for m, flags in zip(measurands, inside, strict=True)
               if not m.reservation]  # fmt: skip
     every = [flags.all(axis=-1) for flags in inside]
     joint = count_probability(np.logical_and.reduce(usable or every), ess_least)
-    verdict, reason = _together(judged, joint, rule, n_usable=len(usable))
+    verdict, reason = _together(judged, joint, rule, ess, n_usable=len(usable))
     if len(usable) < len(judged) and verdict == ACCEPT:
         verdict, reason = UNDECIDED, _RESERVED
     return judged, Overall(verdict, reason, joint, *_risks(verdict, joint))
@@ -210,11 +237,11 @@ def _inside(m: Measurand) -> Flags:
     return np.asarray((m.values >= m.lower) & (m.values <= m.upper))
 
 
-def _judge(m: Measurand, inside: Flags, rule: DecisionRule, ess_least: float) -> Judged:
+def _judge(m: Measurand, inside: Flags, rule: DecisionRule, ess: _Effective) -> Judged:
     flat = m.values.reshape(-1, m.values.shape[-1])
     mean, sd = flat.mean(axis=0), flat.std(axis=0, ddof=1)
     low, high = np.quantile(flat, [0.025, 0.975], axis=0)
-    probability = count_probability(np.logical_and.reduce(inside, axis=-1), ess_least)
+    probability = count_probability(np.logical_and.reduce(inside, axis=-1), ess.least)
     factor = 0.0 if rule.rule != "guard" or m.guard is not None else rule.guard_factor
     guard = factor * sd
     if rule.rule == "guard" and m.guard is not None:
@@ -222,11 +249,11 @@ def _judge(m: Measurand, inside: Flags, rule: DecisionRule, ess_least: float) ->
     if m.reservation:
         verdict, reason = UNDECIDED, m.reservation
     elif rule.rule == "risk":
-        verdict, reason = _by_risk(probability, rule)
+        verdict, reason = _by_risk(probability, rule, ess)
     else:
-        n = max(min(ess_least, float(len(flat))), 2.0)
+        n = max(min(ess.least, float(len(flat))), 2.0)
         slack = _Z * sd * np.sqrt(1.0 / n + 0.5 * factor**2 / n)
-        verdict, reason = _by_estimate(m, mean, guard, slack)
+        verdict, reason = _by_estimate(m, mean, guard, slack, ess)
     return Judged(
         verdict, reason, not m.reservation, probability, *_risks(verdict, probability),
         mean, sd, low, high, inside.mean(axis=(0, 1)), guard, _worst(m, mean, sd, inside),
@@ -238,21 +265,25 @@ def _worst(m: Measurand, mean: Array, sd: Array, inside: Flags) -> int:
     return int(np.lexsort((room, inside.mean(axis=(0, 1))))[0])
 
 
-def _by_risk(p: Probability, rule: DecisionRule) -> tuple[str, str]:
+def _by_risk(p: Probability, rule: DecisionRule, ess: _Effective) -> tuple[str, str]:
     consumer, producer = rule.max_consumer_risk, rule.max_producer_risk
     if 1.0 - p.low <= consumer:
         return ACCEPT, ""
     if p.high <= producer:
         return REJECT, ""
-    if 1.0 - p.value <= consumer or p.value <= producer:
-        return UNDECIDED, _MONTE_CARLO
+    if 1.0 - p.value <= consumer:
+        return UNDECIDED, _left_open(ess, consumer)
+    if p.value <= producer:
+        return UNDECIDED, _left_open(ess, producer)
     return UNDECIDED, (
         f"accepting would take a risk of {1.0 - p.value:.2g} (at most {consumer:g}), rejecting one "
         f"of {p.value:.2g} (at most {producer:g})"
     )
 
 
-def _by_estimate(m: Measurand, y: Array, guard: Array, slack: Array) -> tuple[str, str]:
+def _by_estimate(
+    m: Measurand, y: Array, guard: Array, slack: Array, ess: _Effective
+) -> tuple[str, str]:
     """Simple acceptance and guard bands: distances beyond the acceptance and rejection limits."""
     beyond = np.maximum(m.lower - y, y - m.upper)
     if np.all(beyond + guard <= -slack):
@@ -263,16 +294,38 @@ def _by_estimate(m: Measurand, y: Array, guard: Array, slack: Array) -> tuple[st
         return UNDECIDED, "the guard bands leave nothing of the tolerance interval"
     if guard.any() and np.any(beyond + guard > slack):
         return UNDECIDED, "the estimate lies in a guard band"
-    return UNDECIDED, _MONTE_CARLO
+    return UNDECIDED, _left_open(ess)
+
+
+def _left_open(ess: _Effective, allowed: float = 1.0) -> str:
+    """What the draws leave open, and what would help; ``allowed`` is the risk in question."""
+    least, finest = smallest_risk(ess.least), smallest_risk(ess.finest)
+    finer = ess.finest > ess.least
+    if allowed >= least:
+        remedy = ": fit with a higher --accuracy" if finer else "; no --accuracy makes more draws"
+        return f"the Monte Carlo error leaves it open{remedy}"
+    remedy = f"allow {finest:.2g} or more"
+    if finer:
+        shown = allowed >= finest
+        remedy = "fit with --accuracy reference" + (f", and {remedy}" if not shown else "")
+    return (
+        f"{ess.least:.0f} effective draws cannot show a risk below {least:.2g}, and {allowed:g} "
+        f"is allowed: {remedy}"
+    )
 
 
 def _together(
-    judged: Sequence[Judged], joint: Probability, rule: DecisionRule, *, n_usable: int
+    judged: Sequence[Judged],
+    joint: Probability,
+    rule: DecisionRule,
+    ess: _Effective,
+    *,
+    n_usable: int,
 ) -> tuple[str, str]:
     if not n_usable:
         return UNDECIDED, "no limit can be judged"
     if rule.rule == "risk":
-        return _by_risk(joint, rule)
+        return _by_risk(joint, rule, ess)
     verdicts = [one.verdict for one in judged]
     if REJECT in verdicts:
         return REJECT, ""

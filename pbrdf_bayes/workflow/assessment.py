@@ -76,14 +76,15 @@ def assess_conformity(
     """
     check_specification(specification)
     _check_reference(analysis, specification, reference)
-    sample = sample_of(analysis)
+    sample = sample_of(analysis, n_points=specification.n_points)
     values = draw_measurands(sample, specification.limits)
-    ess = sample.ess_least
+    ess, finest = sample.ess_least, sample.ess_finest(specification.n_points)
     of_reference: dict[str, Array] = {}
     other = None
     if reference is not None:
-        other = sample_of(reference)
+        other = sample_of(reference, n_points=specification.n_points)
         ess = min(ess, other.ess_least)
+        finest = min(finest, other.ess_finest(specification.n_points))
         of_reference = _shuffled(other, specification, len(sample.x))
     measurands = []
     for limit in specification.limits:
@@ -93,7 +94,9 @@ def assess_conformity(
             reserved = reserved or _of_reference(_reservation(limit, other))
         cube = found.reshape(*sample.shape, -1)
         measurands.append(Measurand(cube, limit.lower, limit.upper, limit.guard, reserved))
-    judged, overall = judge_limits(measurands, specification.decision, ess_least=ess)
+    judged, overall = judge_limits(
+        measurands, specification.decision, ess_least=ess, ess_finest=finest
+    )
     record = _record(sample, specification, judged, overall, reference)
     return dict(finite_only(record))
 

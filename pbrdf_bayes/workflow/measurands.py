@@ -6,10 +6,10 @@ sample, that of the model times exp(delta): delta is the discrepancy of the like
 process along theta_r of amplitude tau and length ell_deg, one path for each angle of incidence,
 plane and polarisation, drawn along with the parameters. Where a geometry was measured the path is
 drawn given its readings; elsewhere from its law, as it is where the likelihood is filtered (floor,
-Student's t), which only widens it. Unpolarised light is half s and half p: where it was not measured
-itself, its BRDF is the mean of those of s and p, each with its own path; in a run that has neither s
-nor p its discrepancy is its own. The DHR has no discrepancy of its own. All limits share the same
-draws and paths.
+Student's t), which only widens it. Unpolarised light is half s and half p: where it was not
+measured itself, its BRDF is the mean of those of s and p, each with its own path; in a run that has
+neither s nor p its discrepancy is its own. The DHR has no discrepancy of its own. All limits share
+the same draws and paths.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from itertools import repeat
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.config import ACCURACIES
 from pbrdf_bayes.effects import INSTRUMENT_FIELDS
+from pbrdf_bayes.inference.conformity import ESS_FINEST
 from pbrdf_bayes.inference.discrepancy import Process, draw_prior_discrepancy
 from pbrdf_bayes.inference.discrepancy_paths import draw_paths_given
 from pbrdf_bayes.inference.posterior import Posterior
@@ -40,7 +42,9 @@ Array = NDArray[np.float64]
 Key = tuple[float, float, str]
 """Angle of incidence [deg], azimuth of the plane [deg], polarisation."""
 
-_MOST_DRAWS = 4000
+_DRAWS = 4000
+_MOST_VALUES = 20_000_000
+"""Draws of all points together, beyond which no more than `_DRAWS` draws are kept."""
 _NONE, _NO_WORDS = np.zeros(0), np.zeros(0, np.str_)
 
 
@@ -56,16 +60,34 @@ class Sample:
     @property
     def ess_least(self) -> float:
         """Smallest effective sample size of a parameter, at most the number of draws kept."""
-        rows = self.analysis.summary["parameters"].values()
-        found = [min(p["ess_bulk"], p["ess_tail"]) for p in rows if p["kind"] != "fixed"]
-        return float(min(*found, len(self.x)))
+        return min(_ess_of_run(self.analysis), float(len(self.x)))
+
+    def ess_finest(self, n_points: int) -> float:
+        """What it would be in a fit of the highest accuracy, for as many points."""
+        if self.analysis.summary["config"]["accuracy"] == "reference":
+            return self.ess_least
+        return max(self.ess_least, min(ESS_FINEST, _draws_for(n_points)))
 
 
-def sample_of(analysis: Analysis) -> Sample:
-    """Draws of a run, evenly thinned where there are more than are needed."""
+def _draws_for(n_points: int) -> float:
+    return max(_MOST_VALUES / n_points, _DRAWS)
+
+
+def _ess_of_run(analysis: Analysis) -> float:
+    rows = analysis.summary["parameters"].values()
+    return min(float(min(p["ess_bulk"], p["ess_tail"])) for p in rows if p["kind"] != "fixed")
+
+
+def sample_of(analysis: Analysis, *, n_points: int = 1) -> Sample:
+    """Draws of a run, evenly thinned where there are more than tell apart.
+
+    Twice as many are kept as there are effective ones; fewer, at least 4000, where limits with
+    ``n_points`` points would take too much memory.
+    """
     posterior = posterior_of(analysis)
     cube = draws_of_run(analysis, posterior.parameter_names)
-    step = -(-cube.shape[0] * cube.shape[1] // _MOST_DRAWS)
+    wanted = min(max(2.0 * _ess_of_run(analysis), _DRAWS), _draws_for(n_points))
+    step = ceil(cube.shape[0] * cube.shape[1] / wanted)
     kept = cube[:, ::step]
     return Sample(analysis, posterior, kept.reshape(-1, cube.shape[-1]), kept.shape[:2])
 

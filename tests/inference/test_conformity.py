@@ -15,6 +15,7 @@ from pbrdf_bayes.inference.conformity import (
     Measurand,
     count_probability,
     judge_limits,
+    smallest_risk,
 )
 from pbrdf_bayes.specification import DecisionRule
 
@@ -103,9 +104,39 @@ def test_largest_risk() -> None:
 def test_what_few_draws_leave_open_is_undecided() -> None:
     m = of_normal(-1.8, 1.0, upper=0.0)  # p_c = 0.964
     (many,), _ = judge_limits([m], DecisionRule(), ess_least=N)
-    (few,), _ = judge_limits([m], DecisionRule(), ess_least=50.0)
+    (few,), _ = judge_limits([m], DecisionRule(), ess_least=150.0)
     assert (many.verdict, few.verdict) == (ACCEPT, UNDECIDED)
     assert "Monte Carlo" in few.reason
+
+
+@pytest.mark.parametrize(
+    ("ess", "finest", "risk", "said"),
+    [
+        (1000.0, 10_000.0, 0.0037, ""),  # 3.69 / n
+        (1000.0, 10_000.0, 0.0030, "below 0.0037, and 0.003 is allowed: fit with --accuracy ref"),
+        (1000.0, 10_000.0, 0.0001, "accuracy reference, and allow 0.00037 or more"),
+        (10_000.0, 10_000.0, 0.0001, "is allowed: allow 0.00037 or more"),
+    ],
+)
+def test_the_smallest_risk_that_draws_can_show(
+    ess: float, finest: float, risk: float, said: str
+) -> None:
+    """No draw of n is outside: with a risk r that has the probability (1 - r)**n."""
+    assert (1.0 - smallest_risk(ess)) ** ess == pytest.approx(0.025)
+    m = of_normal(-9.0, 1.0, upper=0.0)
+    rule = DecisionRule(max_consumer_risk=risk)
+    (found,), overall = judge_limits([m], rule, ess_least=ess, ess_finest=finest)
+    assert found.verdict == overall.verdict == (UNDECIDED if said else ACCEPT)
+    assert said in found.reason
+    assert found.reason == overall.reason
+
+
+def test_no_higher_accuracy_is_advised_where_there_is_none() -> None:
+    m = of_normal(0.0, 1.0)
+    m = Measurand(m.values, -inf, float(np.quantile(m.values, 0.952)))
+    (found,), _ = judge_limits([m], DecisionRule(), ess_least=N, ess_finest=N)
+    assert found.verdict == UNDECIDED
+    assert "no --accuracy makes more draws" in found.reason
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy.stats import norm
 
 import pbrdf_bayes as pb
@@ -263,6 +264,26 @@ def test_a_parameter_the_fit_has_not_is_undecided(run: Analysis) -> None:
     assert found["limits"][0]["mean"] == [None]
     summary = {**run.summary, "conformity": found}
     assert "no parameter of this fit" in render_report(Analysis(summary, run.draws, ""))
+
+
+def test_more_draws_are_taken_where_there_are_more_that_count(run: Analysis) -> None:
+    """A run with 20 000 independent draws shows a risk of 3.69 / 20 000, not of 3.69 / 4000."""
+    posterior = run.draws["posterior"].to_dataset()
+    many = posterior.isel(draw=np.tile(np.arange(posterior.sizes["draw"]), 5))
+    many = many.assign_coords(draw=np.arange(many.sizes["draw"]))
+    names = run.summary["parameters"]
+    rows = {name: {**row, "ess_bulk": 2e4, "ess_tail": 2e4} for name, row in names.items()}
+    config = {**run.summary["config"], "accuracy": "reference"}
+    fine = Analysis({**run.summary, "parameters": rows, "config": config},
+                    run.draws.copy(), run.config_toml)  # fmt: skip
+    fine.draws["posterior"] = xr.DataTree(many)
+    rule = DecisionRule(max_consumer_risk=2e-4)
+    wanted = Specification(limits=(limit(parameter="n", upper=2.9),), decision=rule)
+    found = assess_conformity(fine, wanted)
+    assert (found["verdict"], found["n_draws"]) == ("ACCEPT", 20_000)
+    assert 1.0 - found["probability"]["low"] == pytest.approx(1.0 - 0.025 ** (1 / 2e4))
+    assert len(sample_of(fine, n_points=5000).x) == 4000
+    assert "reference, and allow 0.00037" in assess_conformity(run, wanted)["reason"]
 
 
 # ------------------------------------------------------------------------------- the command line
