@@ -80,7 +80,7 @@ class Limit:
             if not self.parameter:
                 msg = "parameter is missing: give its name, e.g. n, k, sigma_n0 or rho0"
                 raise ConfigError(msg)
-            self._refuse("polarization", "theta_i_deg", "theta_r_deg")
+            self._refuse("polarization", "theta_i_deg", "theta_r_deg", "phi_r_deg")
             return
         self._refuse("parameter")
         if self.quantity == "brdf_ratio":
@@ -88,7 +88,8 @@ class Limit:
         else:
             one_of("polarization", self.polarization, POLARIZATIONS)
         if self.quantity == "dhr":
-            self._refuse("theta_r_deg")
+            self._refuse("theta_r_deg", "phi_r_deg")
+            self._refuse_no_share()
         self._check_angles()
 
     @property
@@ -113,6 +114,15 @@ class Limit:
         if self.guard is not None and not 0.0 <= self.guard < inf:
             msg = f"guard = {self.guard!r} is not allowed: give a length of 0 or more"
             raise ConfigError(msg)
+
+    def _refuse_no_share(self) -> None:
+        """A share of the light beyond 0 or 1 would never bind, or always."""
+        for key in ("lower", "upper"):
+            value = getattr(self, key)
+            if isfinite(value) and not 0.0 <= value <= 1.0 and not self.difference:
+                percent = f": {value:g} % is {value / 100.0:g}" * (1.0 < value <= 100.0)
+                msg = f"{key} = {value:g} is not allowed: a DHR is a share in [0, 1]{percent}"
+                raise ConfigError(msg)
 
     def _refuse(self, *keys: str) -> None:
         for key in keys:

@@ -101,6 +101,8 @@ class Judged:
     verdict : {"ACCEPT", "REJECT", "UNDECIDED"}
     reason : str
         Why it is undecided; empty otherwise.
+    remark : str
+        What a decision that is made takes on; empty where its risk is at most a half.
     judged : bool
         No reservation speaks against a verdict.
     probability : Probability
@@ -116,6 +118,7 @@ class Judged:
 
     verdict: str
     reason: str
+    remark: str
     judged: bool
     probability: Probability
     consumer_risk: float
@@ -135,6 +138,7 @@ class Overall:
 
     verdict: str
     reason: str
+    remark: str
     probability: Probability
     consumer_risk: float
     producer_risk: float
@@ -180,6 +184,11 @@ def count_probability(counts: Flags, ess_least: float) -> Probability:
     low = float(betaincinv(k, n - k + 1.0, _OUTSIDE)) if p > 0.0 else 0.0
     high = float(betaincinv(k + 1.0, n - k, 1.0 - _OUTSIDE)) if p < 1.0 else 1.0
     return Probability(p, sqrt(p * (1.0 - p) / n), low, high, n)
+
+
+def probability_of_not(p: Probability) -> Probability:
+    """That the event does not hold; with the same error."""
+    return Probability(1.0 - p.value, p.u, 1.0 - p.high, 1.0 - p.low, p.ess)
 
 
 def smallest_risk(ess: float) -> float:
@@ -229,7 +238,7 @@ def judge_limits(
     verdict, reason = _together(judged, joint, rule, ess, n_usable=len(usable))
     if len(usable) < len(judged) and verdict == ACCEPT:
         verdict, reason = UNDECIDED, _RESERVED
-    return judged, Overall(verdict, reason, joint, *_risks(verdict, joint))
+    return judged, Overall(verdict, reason, _remark(verdict, joint), joint, *_risks(verdict, joint))
 
 
 def _inside(m: Measurand) -> Flags:
@@ -255,8 +264,9 @@ def _judge(m: Measurand, inside: Flags, rule: DecisionRule, ess: _Effective) -> 
         slack = _Z * sd * np.sqrt(1.0 / n + 0.5 * factor**2 / n)
         verdict, reason = _by_estimate(m, mean, guard, slack, ess)
     return Judged(
-        verdict, reason, not m.reservation, probability, *_risks(verdict, probability),
-        mean, sd, low, high, inside.mean(axis=(0, 1)), guard, _worst(m, mean, sd, inside),
+        verdict, reason, _remark(verdict, probability), not m.reservation, probability,
+        *_risks(verdict, probability), mean, sd, low, high, inside.mean(axis=(0, 1)), guard,
+        _worst(m, mean, sd, inside),
     )  # fmt: skip
 
 
@@ -332,6 +342,17 @@ def _together(
     if UNDECIDED in verdicts:
         return UNDECIDED, "a limit is undecided"
     return ACCEPT, ""
+
+
+def _remark(verdict: str, p: Probability) -> str:
+    """Name a risk above a half: some rules look at the estimate alone."""
+    for whose, risk in zip(("consumer", "producer"), _risks(verdict, p), strict=True):
+        if risk > 0.5:
+            return (
+                f"more likely wrong than right: the {whose}'s risk of this decision is "
+                f"{100.0 * risk:.0f} %, which the rule does not limit"
+            )
+    return ""
 
 
 def _risks(verdict: str, p: Probability) -> tuple[float, float]:

@@ -33,6 +33,10 @@ PDF = "report.pdf"
 DESIGN = "design.json"
 LOG = "log.txt"
 LOCK = ".lock"
+RUN_FILES = (
+    SUMMARY, POSTERIOR, CONFIG, REPORT, PDF, DESIGN, LOG, LOCK, "design.html",
+    "measurement_plan.csv",
+)  # fmt: skip
 _PART = ".part"
 _CHECKSUM = "posterior_sha256"
 _MOST_JSON_BYTES = 64 * 2**20
@@ -143,6 +147,19 @@ def locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(handle)
+
+
+def refuse_to_replace(path: Path, files: Iterable[Path], runs: Iterable[Path]) -> None:
+    """Refuse to write where one of some files is, or what belongs to a run.
+
+    Raises
+    ------
+    RunFolderError
+    """
+    own = [run / name for run in runs for name in RUN_FILES]
+    if path.resolve() in {file.resolve() for file in (*files, *own)}:
+        msg = f"{path}: would replace a file that is read here. Give another name"
+        raise RunFolderError(msg)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -106,10 +106,13 @@ def _conform(options: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from pbrdf_bayes.io.limits_toml import read_limits
-    from pbrdf_bayes.io.run_folder import load_analysis, write_text
+    from pbrdf_bayes.io.run_folder import load_analysis, refuse_to_replace, write_text
     from pbrdf_bayes.workflow.assessment import assess_conformity
     from pbrdf_bayes.workflow.paperwork import store
 
+    folders = [folder for folder in (options.folder, options.reference) if folder is not None]
+    if options.json is not None:
+        refuse_to_replace(options.json, [options.limits], folders)
     specification = read_limits(options.limits)
     analysis = load_analysis(options.folder)
     reference = None if options.reference is None else load_analysis(options.reference)
@@ -134,14 +137,18 @@ def text_table(found: Mapping[str, Any]) -> str:
             f"{_where(limit, at)}, p_c {_probability(limit['probability'])}"
         )  # fmt: skip
         lines.append(f"{limit['verdict']:<10}{limit['name']:<{width}}  {value}")
-        if limit["reason"]:
-            lines.append(f"{'':<10}{limit['reason']}")
+        if limit["probability_exceeds"] and limit["mean"][at] is not None:
+            exceeds = _probability(limit["probability_exceeds"])
+            lines.append(f"{'':<10}probability that the tolerance is exceeded: {exceeds}")
+        lines += [f"{'':<10}{text}" for text in (limit["reason"], limit["remark"]) if text]
     p = _probability(found["probability"])
     title = found["specification"] or "all limits"
     because = f" ({found['reason']})" if found["reason"] else ""
     judged = sum(limit["judged"] for limit in found["limits"])
     of = "" if judged == len(found["limits"]) else f" of the {judged} that can be judged"
     lines.append(f"{found['verdict']}: {title}{because}")
+    if found["remark"]:
+        lines.append(found["remark"])
     if judged:
         lines.append(f"joint probability of conformity{of}: {p}{_risk(found)}")
     return "\n".join(lines)

@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.errors import ConfigError, DomainError
 from pbrdf_bayes.inference.applicability import APPLIES, DOES_NOT_APPLY
-from pbrdf_bayes.inference.conformity import Judged, Measurand, Overall, judge_limits
+from pbrdf_bayes.inference.conformity import (
+    Judged,
+    Measurand,
+    Overall,
+    judge_limits,
+    probability_of_not,
+)
 from pbrdf_bayes.io.run_folder import finite_only
 from pbrdf_bayes.model import DOMAIN, MAX_THETA_I_DEG, checked_angles
 from pbrdf_bayes.physics.scene import EffectValues
@@ -184,6 +190,7 @@ def _record(
         "decision_rule": asdict(specification.decision),
         "verdict": overall.verdict,
         "reason": overall.reason,
+        "remark": overall.remark,
         "probability": asdict(overall.probability),
         "consumer_risk": overall.consumer_risk,
         "producer_risk": overall.producer_risk,
@@ -199,6 +206,7 @@ def _record(
 
 
 def _limit_record(limit: Limit, found: Judged) -> dict[str, Any]:
+    exceeds = asdict(probability_of_not(found.probability))
     theta_i = np.repeat(limit.theta_i_deg, max(len(limit.theta_r_deg), 1)).tolist()
     theta_r = np.tile(limit.theta_r_deg, max(len(limit.theta_i_deg), 1)).tolist()
     return {
@@ -213,8 +221,10 @@ def _limit_record(limit: Limit, found: Judged) -> dict[str, Any]:
         "upper": limit.upper if isfinite(limit.upper) else None,
         "verdict": found.verdict,
         "reason": found.reason,
+        "remark": found.remark,
         "judged": found.judged,
         "probability": asdict(found.probability),
+        "probability_exceeds": exceeds if limit.difference else None,
         "consumer_risk": found.consumer_risk,
         "producer_risk": found.producer_risk,
         "worst": found.worst,

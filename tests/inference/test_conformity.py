@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from math import asin, inf, pi
 
 import numpy as np
@@ -137,6 +138,21 @@ def test_no_higher_accuracy_is_advised_where_there_is_none() -> None:
     (found,), _ = judge_limits([m], DecisionRule(), ess_least=N, ess_finest=N)
     assert found.verdict == UNDECIDED
     assert "no --accuracy makes more draws" in found.reason
+
+
+def test_a_decision_more_likely_wrong_than_right_says_so() -> None:
+    """Each of five independent angles is inside with 84 %, all of them with 42 %."""
+    x = np.random.default_rng(2).standard_normal((*SHAPE, 5))
+    rule = DecisionRule(rule="simple")
+    (band,), overall = judge_limits([Measurand(x, -inf, 1.0)], rule, ess_least=N)
+    assert band.verdict == overall.verdict == ACCEPT
+    exact = 100.0 * (1.0 - norm.cdf(1.0) ** 5)
+    said = re.search(r"consumer's risk of this decision is (\d+) %", band.remark)
+    assert said is not None
+    assert float(said[1]) == pytest.approx(exact, abs=2.5)
+    assert overall.remark == band.remark
+    (one,), _ = judge_limits([Measurand(x[..., :1], -inf, 1.0)], rule, ess_least=N)
+    assert (one.verdict, one.remark) == (ACCEPT, "")
 
 
 @pytest.mark.parametrize(
