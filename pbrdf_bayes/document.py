@@ -7,8 +7,11 @@ laboratory to say.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import re
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from datetime import date
 from itertools import pairwise
@@ -24,6 +27,9 @@ LONG_ITEMS = (
     "method", "deviations", "sampling", "environment", "traceability", "decision_rule", "note",
 )  # fmt: skip
 """Items that may have several lines and up to `LONG` characters."""
+PLACES, MARKS = ("title", "report_number", "item_id"), ("{sample}", "{run}")
+"""Items with what is another in every report, and how it is written there."""
+_MADE_FROM = ("sample", "wavelength_um", "seed", "created_utc")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +39,9 @@ class Document:
     Attributes
     ----------
     title, report_number : str
-        Up to `SHORT` characters; the number stands on every printed page. In every text, spaces of
+        Up to `SHORT` characters; the number stands on every printed page. In these two and in
+        ``item_id``, ``{sample}`` stands for the name of the sample and ``{run}`` for the number of
+        the run (`run_number`), each once at most. In every text, spaces of
         Unicode other than the plain one become that, or U+00A0 where they are no-break ones.
     laboratory, laboratory_address, place : str
         Name and address, and where the measurements were made.
@@ -100,6 +108,64 @@ class Document:
                 raise ConfigError(msg)
 
 
+def run_number(summary: Mapping[str, Any]) -> str:
+    """Ten hexadecimal digits that tell a run from every other, from its summary.
+
+    They are a hash of what it was made from and when: file, sample, wavelength, seed, time.
+    """
+    text = json.dumps([summary["input"]["sha256"], *(summary[key] for key in _MADE_FROM)])
+    return hashlib.sha256(text.encode()).hexdigest()[:10]
+
+
+def fill_in(document: Document, summary: Mapping[str, Any]) -> dict[str, str]:
+    """The items for a run, ``{sample}`` and ``{run}`` replaced by its own."""
+    own = {"{sample}": str(summary["sample"]), "{run}": run_number(summary)}
+    return {key: _filled(text, own) if key in PLACES else text
+            for key, text in asdict(document).items()}  # fmt: skip
+
+
+def _filled(text: str, own: Mapping[str, str]) -> str:
+    """In one pass: a sample that is called {run} stays what it is."""
+    return re.sub("|".join(map(re.escape, own)), lambda found: own[found[0]], text)
+
+
+def refuse_shared_items(document: Document, samples: Sequence[str]) -> None:
+    """Refuse a report number or a label of the item that several reports would have in common.
+
+    Parameters
+    ----------
+    document : Document
+    samples : sequence of str
+        Name of the sample of each report.
+
+    Raises
+    ------
+    ConfigError
+    """
+    number, label = (
+        [_filled(text, {"{sample}": name}) for name in samples]
+        for text in (document.report_number, document.item_id)
+    )
+    if document.report_number and "{run}" not in document.report_number:
+        _refuse_twice("report_number", document.report_number, number, samples)
+    if document.item_id and "{run}" not in document.item_id:  # of one item at two wavelengths: once
+        items = dict(zip(samples, label, strict=True))
+        _refuse_twice("item_id", document.item_id, list(items.values()), list(items))
+
+
+def _refuse_twice(key: str, given: str, texts: Sequence[str], samples: Sequence[str]) -> None:
+    text, n = Counter(texts).most_common(1)[0] if texts else ("", 0)
+    if n > 1:
+        same = [name for name, one in zip(samples, texts, strict=True) if one == text]
+        mark = "{sample}" if len(set(same)) == n else "{run}"
+        msg = (
+            f"{key} = {show_value(given)} would stand on {n} reports: of "
+            f"{', '.join(map(show_value, same[:3]))}{' ...' if n > 3 else ''}. Put {mark} in it, "
+            f"e.g. {show_value(given + '-' + mark)}, or leave it out"
+        )
+        raise ConfigError(msg)
+
+
 def check_document_keys(given: Iterable[str]) -> None:
     """Refuse keys that `Document` does not have, with the nearest one it has.
 
@@ -131,6 +197,20 @@ def _check_text(key: str, value: Any) -> None:
             + ". Take them out"
         )
         raise ConfigError(msg)
+    if key in PLACES:
+        _check_marks(key, value)
+
+
+def _check_marks(key: str, text: str) -> None:
+    for mark, n in Counter(re.findall(r"\{[^{}]*\}", text)).items():
+        if mark not in MARKS or n > 1:
+            hint = did_you_mean(mark, MARKS)
+            msg = (
+                f"{key} = {show_value(text)}: {mark} is "
+                + (f"not known.{hint}" if mark not in MARKS else "there twice.")
+                + f" Allowed, each once: {', '.join(MARKS)}"
+            )
+            raise ConfigError(msg)
 
 
 def _days(key: str, text: str) -> tuple[date, ...]:

@@ -21,7 +21,7 @@ from pbrdf_bayes.batch.progress import Progress, estimate_left
 from pbrdf_bayes.batch.work import Task, finished_before
 from pbrdf_bayes.compile_ahead import compile_ahead, likelihood_to_compile
 from pbrdf_bayes.config import AUTO, RunConfig
-from pbrdf_bayes.document import Document
+from pbrdf_bayes.document import Document, refuse_shared_items
 from pbrdf_bayes.errors import ClusterError, ConfigError, PbrdfError
 from pbrdf_bayes.inference.posterior import build_posterior
 from pbrdf_bayes.io.run_folder import locked, refuse_other_content
@@ -112,7 +112,8 @@ def fit_batch(
     ------
     ConfigError
         No files, choices that no sample can be fitted with, workers that cannot be had, limits on
-        what the model does not have or that need a reference.
+        what the model does not have or that need a reference, a report number that several
+        reports would have in common.
     RunFolderError
         ``out`` is not empty, in use, or cannot be written.
     ClusterError
@@ -128,6 +129,8 @@ def fit_batch(
     paperwork.check()
     config = replace(config or RunConfig(), threads=1)
     jobs = plan_batch([Path(file) for file in files], config, seed=seed)
+    if document is not None:
+        refuse_shared_items(document, [job.sample for job in jobs if job.folder])
     folder = _folder(out, resume=resume)
     with locked(folder), _crew(workers, scheduler) as crew:
         batch = _Batch(jobs, folder.resolve(), config, seed, paperwork, told, interrupted)

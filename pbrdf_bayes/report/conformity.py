@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -36,6 +37,7 @@ def conformity_text(summary: Record) -> str:
         return ""
     lead = _LEADS[found["verdict"]].format(found["specification"] or "the limits given")
     because = f": {found['reason']}" if found["reason"] else ""
+    remark = f" {sentence(found['remark'])}" if found.get("remark") else ""
     limits = found["limits"]
     judged = sum(_can_be_judged(limit) for limit in limits)
     which = f"all {count(judged)} limits" if judged > 1 else "the limit"
@@ -47,7 +49,12 @@ def conformity_text(summary: Record) -> str:
         if judged
         else ""
     )
-    return f"{lead}{because}.{joint}{_risk_text(found)}"
+    return f"{lead}{because}.{joint}{_risk_text(found)}{remark}"
+
+
+def sentence(text: str) -> str:
+    """With a capital and a full stop."""
+    return f"{text[:1].upper()}{text[1:]}."
 
 
 def _risk_text(found: Record) -> str:
@@ -82,6 +89,37 @@ def rule_text(found: Record) -> str:
     return (
         f"Decision rule after JCGM 106:2012: {words}. What the Monte Carlo error leaves open is "
         "undecided."
+    )
+
+
+_RULES = {
+    "simple": "simple acceptance",
+    "guard": "guard bands",
+    "risk": "largest specific risk",
+}
+_TOLD_BY = {
+    "simple": r"\bsimple\b|\bshared[- ]risk|\b(?:no|without|zero) (?:a )?guard",
+    "guard": r"(?<!no )(?<!without )(?<!without a )(?<!zero )\bguard",
+    "risk": r"(?<!shared )(?<!shared-)\brisk",
+}
+"""Words of a text that name a decision rule."""
+
+
+def rule_notice(summary: Record) -> str:
+    """Say where the rule agreed upon, in the words of the laboratory, is not the one applied.
+
+    Nothing where the words name no rule, or the applied one among others.
+    """
+    found, agreed = summary.get("conformity"), (summary.get("document") or {}).get("decision_rule")
+    if not found or not agreed:
+        return ""
+    named = [rule for rule, words in _TOLD_BY.items() if re.search(words, agreed, re.IGNORECASE)]
+    applied = found["decision_rule"]["rule"]
+    if not named or applied in named:
+        return ""
+    return (
+        f"The decision rule agreed upon speaks of {' and '.join(_RULES[rule] for rule in named)}; "
+        f"the verdict here follows another one, {_RULES[applied]}."
     )
 
 
@@ -122,13 +160,14 @@ def _row(limit: Record, summary: Record) -> dict[str, Any]:
         "name": limit["name"],
         "look": LOOK_OF[limit["verdict"]],
         "verdict": WORDS[limit["verdict"]],
-        "reason": limit["reason"],
+        "reason": limit["reason"] or limit.get("remark", ""),
         "what": what_text(limit, summary),
         "tolerance": tolerance_text(limit),
         "value": f"{shown.value} ± {shown.uncertainty}" if known else MISSING,
         "interval": f"{shown.low} to {shown.high}" if known else "",
         "where": where_text(limit, at),
         "probability": probability_text(limit["probability"]) if known else MISSING,
+        "exceeds": exceedance_text(limit) if known else "",
         "risk": _risk(limit),
         "whose": {"ACCEPT": "consumer", "REJECT": "producer"}.get(limit["verdict"], ""),
     }
@@ -163,6 +202,12 @@ def probability_text(p: Record) -> str:
         return f"{word} {percent(bound, digits=3 if bound > 0.5 else 2)}"
     decimals = 1 if p["u"] >= 5e-4 else 2
     return f"{fixed(100 * p['value'], decimals)} ± {fixed(100 * p['u'], decimals)}{THIN}%"
+
+
+def exceedance_text(limit: Record) -> str:
+    """Probability that a difference exceeds its tolerance; nothing for other limits."""
+    found = limit.get("probability_exceeds")
+    return probability_text(found) if found else ""
 
 
 def what_text(limit: Record, summary: Record) -> str:

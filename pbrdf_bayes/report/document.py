@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from pbrdf_bayes.document import run_number
 from pbrdf_bayes.report.numbers import count
 
 Record = Mapping[str, Any]
@@ -64,6 +65,12 @@ def not_given(summary: Record) -> str:
     found = given(summary)
     names = {**_LETTERHEAD, **_FRONT, **_DETAILS}
     return ", ".join(words.lower() for key, words in names.items() if key not in found)
+
+
+def identification(summary: Record) -> str:
+    """What tells this report from every other: the laboratory's number, or that of the run."""
+    number = given(summary).get("report_number")
+    return f"Report {number}" if number else f"Report of run {run_number(summary)}"
 
 
 def signatures(summary: Record) -> list[tuple[str, str]]:

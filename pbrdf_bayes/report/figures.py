@@ -20,7 +20,7 @@ from pbrdf_bayes.report.arrays import (
     width_curves_of,
 )
 from pbrdf_bayes.report.figures_brdf import MOST_POINTS, key_picture, plane_pictures
-from pbrdf_bayes.report.figures_conformity import conformity_pictures
+from pbrdf_bayes.report.figures_conformity import conformity_pictures, not_drawn_text
 from pbrdf_bayes.report.figures_dhr import dhr_pictures
 from pbrdf_bayes.report.figures_pit import MOST_SCANS, pit_picture
 from pbrdf_bayes.report.figures_planes import (
@@ -80,7 +80,8 @@ def _draw_key(analysis: Analysis) -> Figures:
     key, caption = _key(planes, dhr_curves_of(analysis), dhr_points_of(analysis))
     return Figures(
         key=key, key_caption=caption, measured=[], between=[], dhr=[], residuals=[], places=None,
-        held_out=[], widths=[], corner=None, chains=[], remarks=_remarks(0, 0, 0),
+        held_out=[], widths=[], corner=None, chains=[],
+        remarks={**_remarks(0, 0, 0), "conformity": not_drawn_text(analysis.summary)},
         conformity=conformity_pictures(analysis.summary),
     )  # fmt: skip
 
@@ -111,7 +112,10 @@ def _draw(analysis: Analysis) -> Figures:
         corner=corner_picture(physical) if physical else None,
         chains=chain_pictures(samples, ensembles_of(analysis)),
         conformity=conformity_pictures(analysis.summary),
-        remarks=_remarks(len(planes), len(scans), max((s.value.size for s in scans), default=0)),
+        remarks={
+            **_remarks(len(planes), len(scans), max((s.value.size for s in scans), default=0)),
+            "conformity": not_drawn_text(analysis.summary),
+        },
     )
 
 

@@ -32,16 +32,24 @@ _LOGARITHMIC = ("brdf", "brdf_ratio")
 
 
 def conformity_pictures(summary: Mapping[str, Any]) -> list[Picture]:
-    """One picture for each curve of a band; none for single points and what has no value."""
-    found = summary.get("conformity")
-    if not found:
-        return []
-    drawn = [
-        _picture(limit, rows, index)
-        for index, limit in enumerate(found["limits"])
-        for rows in _strands(limit)
+    """A picture for each of the first curves; none for single points and what has no value."""
+    return [_picture(limit, rows, index) for index, limit, rows in _curves(summary)[:MOST]]
+
+
+def not_drawn_text(summary: Mapping[str, Any]) -> str:
+    """How many curves have no picture; nothing where all have one."""
+    n = len(_curves(summary))
+    return f"The first {MOST} of {n} curves are drawn; the table has all limits." * (n > MOST)
+
+
+def _curves(
+    summary: Mapping[str, Any],
+) -> list[tuple[int, Mapping[str, Any], NDArray[np.int64]]]:
+    """Number of the limit, limit, and points of every curve."""
+    limits_of = (summary.get("conformity") or {}).get("limits", [])
+    return [
+        (index, limit, rows) for index, limit in enumerate(limits_of) for rows in _strands(limit)
     ]
-    return drawn[:MOST]
 
 
 def _strands(limit: Mapping[str, Any]) -> Iterator[NDArray[np.int64]]:

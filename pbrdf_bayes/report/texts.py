@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from pbrdf_bayes.document import run_number
 from pbrdf_bayes.report.numbers import (
     MISSING,
     THIN,
@@ -185,6 +186,7 @@ def provenance(summary: Record) -> list[tuple[str, str]]:
     data = summary["input"]
     versions = [f"{name} {version}" for name, version in summary["versions"].items()]
     return [
+        ("run", run_number(summary)),
         ("created", str(summary["created_utc"])),
         ("input", f"{data['file'] or MISSING}, SHA-256 {data['sha256'] or MISSING}"),
         ("seed", str(summary["seed"])),

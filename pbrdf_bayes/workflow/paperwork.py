@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pbrdf_bayes.document import Document
+from pbrdf_bayes.document import Document, fill_in
 from pbrdf_bayes.errors import ConfigError, RunFolderError
 from pbrdf_bayes.io import run_folder
 from pbrdf_bayes.io.print_pdf import find_browser, print_pdf
@@ -65,7 +65,7 @@ def complete(analysis: Analysis, wanted: Paperwork) -> Analysis:
     if wanted.specification is not None:
         added["conformity"] = assess_conformity(analysis, wanted.specification)
     if wanted.document is not None:
-        added["document"] = asdict(wanted.document)
+        added["document"] = fill_in(wanted.document, analysis.summary)
     return replace(analysis, summary={**analysis.summary, **added}) if added else analysis
 
 

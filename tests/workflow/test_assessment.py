@@ -18,15 +18,17 @@ from scipy.stats import norm
 
 import pbrdf_bayes as pb
 from pbrdf_bayes.cli import main
-from pbrdf_bayes.document import Document
+from pbrdf_bayes.document import Document, fill_in, refuse_shared_items, run_number
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.io.document_toml import read_document
 from pbrdf_bayes.io.limits_toml import read_limits, specification_from_table
 from pbrdf_bayes.io.print_pdf import find_browser, print_pdf
 from pbrdf_bayes.io.run_folder import load_analysis
 from pbrdf_bayes.report import render_report
+from pbrdf_bayes.report.document import css_string
 from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.specification import DecisionRule, Limit, Specification
+from pbrdf_bayes.verbs.conform import text_table
 from pbrdf_bayes.workflow.assessment import assess_conformity
 from pbrdf_bayes.workflow.fitting import fit_file
 from pbrdf_bayes.workflow.measurands import draw_measurands, sample_of
@@ -60,6 +62,14 @@ tolerance = 0.2
 name = "dn"
 parameter = "n"
 tolerance = 0.002
+"""
+DHR = """\
+[[limit]]
+name = "DHR"
+quantity = "dhr"
+polarization = "u"
+theta_i_deg = 10
+upper = 0.5
 """
 DOCUMENT = """\
 title = "Test report"
@@ -226,6 +236,16 @@ def test_a_difference_of_two_runs(run: Analysis, other: Path, tmp_path: Path) ->
     shade = next(one for one in found["limits"] if one["name"] == "shade")
     assert np.all(np.abs(shade["mean"]) < 3 * np.array(shade["u"]))
     assert (shade["unit"], shade["lower"], shade["upper"]) == ("dex", -0.2, 0.2)
+    exceeds, p = dn["probability_exceeds"], dn["probability"]
+    assert exceeds["value"] == pytest.approx(1.0 - exact, abs=0.03)
+    assert (exceeds["low"], exceeds["high"], exceeds["u"]) == (1 - p["high"], 1 - p["low"], p["u"])
+    assert f"tolerance is exceeded: {exceeds['value']:.4f} +- " in text_table(found)
+    page = render_report(Analysis({**run.summary, "conformity": found}, run.draws, ""))
+    assert page.count("exceeds the tolerance: ") == 2
+    assert f"exceeds the tolerance: {100.0 * exceeds['value']:.1f} ± " in page
+    assert assess_conformity(run, Specification(limits=(limit(parameter="n"),)))["limits"][0][
+        "probability_exceeds"
+    ] is None  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -247,12 +267,13 @@ def test_no_verdict_where_the_model_does_not_hold(
         summary |= change
     else:
         summary["applicability"] = {**summary["applicability"], "verdict": change}
+    upper = 1.0 if quantity == "dhr" else 99.0
     keys = {
         "parameter": {"parameter": "n"},
         "dhr": {"polarization": "s", "theta_i_deg": 10},
         "brdf": {"polarization": "s", "theta_i_deg": 20, "theta_r_deg": 0},
     }[quantity]
-    wanted = Specification(limits=(limit(quantity=quantity, upper=99.0, **keys),))
+    wanted = Specification(limits=(limit(quantity=quantity, upper=upper, **keys),))
     found = assess_conformity(Analysis(summary, run.draws, run.config_toml), wanted)
     assert reason in found["limits"][0]["reason"]
     assert found["verdict"] == ("UNDECIDED" if reason else "ACCEPT")
@@ -327,6 +348,9 @@ def test_conform_writes_json_and_report(
         (LIMITS.replace("glare & co", "index"), "given twice"),
         (LIMITS.replace('theta_r_deg = "-60:60:20"\n', ""), "theta_r_deg is missing"),
         (LIMITS.replace("upper = 10.0", 'upper = "10"'), "finite number"),
+        (DHR.replace("0.5", "50"), "upper = 50 is not allowed: a DHR is a share in [0, 1]: 50 %"),
+        (DHR.replace("upper = 0.5", "lower = -0.2"), "lower = -0.2 is not allowed"),
+        (DHR + "phi_r_deg = 90\n", "phi_r_deg does not go with quantity = 'dhr'"),
         (LIMITS.replace("upper = 10.0", "upper = 1" + "0" * 400), "limit[2].upper = 1000"),
         (LIMITS.replace("upper = 10.0", "upper = 0x" + "f" * 9000), "up to 64 bits"),
         ("max_consumer_risk = 1" + "0" * 400 + "\n" + LIMITS, "l.toml: max_consumer_risk = 1000"),
@@ -362,6 +386,19 @@ def test_limits_that_are_wrong_are_refused(
     assert said in error
     assert error.count("\n") == 1
     assert not (here / "c.json").exists()
+
+
+@pytest.mark.parametrize("name", ["run/summary.json", "run/../run/report.html", "l.toml"])
+def test_no_file_that_is_read_is_replaced(
+    finished_run: Path, here: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    shutil.copytree(finished_run, here / "run")
+    write(here / "l.toml", LIMITS)
+    before = (here / name).read_bytes()
+    assert main(["conform", "run", "--limits", "l.toml", "--json", name]) == 2
+    assert "would replace a file" in capsys.readouterr().err
+    assert (here / name).read_bytes() == before
+    assert main(["conform", "run", "--limits", "l.toml", "--json", "run/conformity.json"]) == 0
 
 
 def test_reservations_go_with_their_rule_and_no_other() -> None:
@@ -461,6 +498,75 @@ def test_the_page_shows_what_was_given_and_names_what_was_not(documented: str) -
     assert "relate only to the item tested" in documented
 
 
+def judged_page(run: Analysis, limits: str, path: Path, **items: str) -> tuple[dict, str]:
+    found = assess_conformity(run, read_limits(write(path / "l.toml", limits)))
+    added = {"conformity": found, **({"document": items} if items else {})}
+    return found, render_report(Analysis({**run.summary, **added}, run.draws, run.config_toml))
+
+
+@pytest.mark.parametrize(
+    ("limits", "verdict", "look"),
+    [(LIMITS, "ACCEPT", "PASS"), (LIMITS.replace("1.6", "1.41"), "REJECT", "FAIL")],
+)
+def test_the_verdict_on_limits_leads(
+    run: Analysis, tmp_path: Path, limits: str, verdict: str, look: str
+) -> None:
+    found, page = judged_page(run, limits, tmp_path)
+    fit = run.summary["verdict"]
+    assert found["verdict"] == verdict
+    assert f"<title>{verdict} · " in page
+    stamps = re.findall(r'<div class="stamp ([^"]*)">.*?<span>(\w+)</span><small>(\w+)', page)
+    assert stamps == [(look, verdict, "limits"), (f"{fit} second", fit, "fit")]
+    assert page.index('<p class="conforms') < page.index('<p class="headline')
+    alone = render_report(run)
+    assert f"<title>{fit} · " in alone
+    assert re.findall(r'<div class="stamp ([^"]*)">', alone) == [fit]
+
+
+@pytest.mark.parametrize(
+    ("agreed", "rule", "said"),
+    [
+        ("simple acceptance per contract", "risk", "simple acceptance; the verdict here follows"),
+        ("simple acceptance per contract", "simple", ""),
+        ("shared risk", "simple", ""),
+        ("Guard band of 2 u, simple acceptance without guard band for n", "risk",
+         "speaks of simple acceptance and guard bands"),
+        ("acceptance without guard band", "guard", "speaks of simple acceptance;"),
+        ("guarded acceptance, risk of 2.5 %", "risk", ""),
+        ("wie vereinbart", "guard", ""),
+    ],
+)  # fmt: skip
+def test_the_rule_agreed_upon_and_the_one_applied(
+    run: Analysis, tmp_path: Path, agreed: str, rule: str, said: str
+) -> None:
+    _, page = judged_page(run, f'rule = "{rule}"\n{LIMITS}', tmp_path, decision_rule=agreed)
+    applied = {"risk": "largest specific risk", "simple": "simple acceptance (clause 8.2)",
+               "guard": "guard bands (clause 8.3)"}[rule]  # fmt: skip
+    section = page[page.index('<section id="conformity"') : page.index('<section id="parameters"')]
+    assert f"<dt>Decision rule agreed upon</dt><dd>{agreed}</dd>" in section
+    assert re.search(r"<dt>Decision rule applied</dt><dd>[^<]*" + re.escape(applied), section)
+    assert page.count("The decision rule agreed upon speaks of") == 2 * bool(said)
+    assert said in section
+
+
+def test_curves_that_are_not_drawn_are_counted(run: Analysis, tmp_path: Path) -> None:
+    many = LIMITS.replace("theta_i_deg = 45", 'theta_i_deg = "5:65:5"')
+    found, page = judged_page(run, many, tmp_path)
+    assert len(set(found["limits"][1]["theta_i_deg"])) == 13
+    assert "The first 12 of 13 curves are drawn" in page
+    assert "curves are drawn" not in judged_page(run, LIMITS, tmp_path)[1]
+
+
+def test_a_report_without_a_number_has_that_of_its_run(run: Analysis) -> None:
+    page = render_report(run)
+    number = run_number(run.summary)
+    assert re.fullmatch("[0-9a-f]{10}", number)
+    assert f"End of report of run {number}" in page
+    assert css_string(f"Report of run {number}") in page
+    for key, value in (("sample", "x"), ("seed", 9), ("created_utc", "2026-01-01T00:00:00Z")):
+        assert run_number({**run.summary, key: value}) != number
+
+
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
@@ -473,6 +579,8 @@ def test_the_page_shows_what_was_given_and_names_what_was_not(documented: str) -
         ({"note": "a\u2028b"}, "cannot be printed"),
         ({"note": "a\u200bb"}, "cannot be printed"),
         ({"note": "a\ud800b"}, "cannot be printed"),
+        ({"report_number": "A-{smaple}"}, "{smaple} is not known. Did you mean '{sample}'?"),
+        ({"item_id": "{run} {run}"}, "{run} is there twice"),
         ({"date_issued": "5 March"}, "2026-03-02"),
         ({"date_measured": "2026-03-05/2026-03-02"}, "from/to"),
         ({"date_received": "2026-03-05", "date_issued": "2026-03-04"}, "is before"),
@@ -482,6 +590,51 @@ def test_the_page_shows_what_was_given_and_names_what_was_not(documented: str) -
 def test_items_that_are_wrong_are_refused(keys: dict[str, str], said: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(said)):
         Document(**keys)
+
+
+def test_items_that_are_another_in_every_report(run: Analysis) -> None:
+    wanted = Document(title="{sample}", report_number="A-{sample}-{run}", item_id="{sample}",
+                      note="{sample}")  # fmt: skip
+    found = fill_in(wanted, {**run.summary, "sample": "{run}"})
+    number = run_number({**run.summary, "sample": "{run}"})
+    assert (found["title"], found["report_number"]) == ("{run}", f"A-{{run}}-{number}")
+    assert (found["item_id"], found["note"]) == ("{run}", "{sample}")
+
+
+@pytest.mark.parametrize(
+    ("items", "samples", "said"),
+    [
+        ({"report_number": "A-7"}, ["a"], ""),
+        ({"report_number": "A-7"}, ["a", "b"], "would stand on 2 reports: of 'a', 'b'. Put {sample"),
+        ({"report_number": "A-{sample}"}, ["a", "b"], ""),
+        ({"report_number": "A-{sample}"}, ["a", "b", "a"], "of 'a', 'a'. Put {run} in it"),
+        ({"report_number": "A-{run}"}, ["a", "b", "a"], ""),
+        ({"item_id": "7"}, ["a", "a"], ""),
+        ({"item_id": "7"}, ["a", "b"], "item_id = '7' would stand on 2 reports"),
+        ({"title": "paint"}, ["a", "b"], ""),
+    ],
+)  # fmt: skip
+def test_reports_of_a_batch_have_numbers_of_their_own(
+    items: dict[str, str], samples: list[str], said: str
+) -> None:
+    if not said:
+        refuse_shared_items(Document(**items), samples)
+        return
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        refuse_shared_items(Document(**items), samples)
+
+
+def test_a_batch_refuses_one_number_for_two_reports(
+    small_csv: Path, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = small_csv.read_text(encoding="utf-8")
+    name = text.splitlines()[1].split(",")[0]
+    rows = text.replace(f"\n{name},", "\nother,").split("\n", 1)[1]
+    write(here / "two.csv", text + rows.replace("0.0", "0.1", 1))
+    write(here / "d.toml", 'report_number = "A-7"\n')
+    assert main(["batch", "two.csv", "--out", "b", "--document", "d.toml"]) == 2
+    assert "report_number = 'A-7' would stand on 2 reports" in capsys.readouterr().err
+    assert not (here / "b").exists()
 
 
 def test_a_file_of_items(tmp_path: Path) -> None:
