@@ -20,6 +20,7 @@ limits.toml (angles in degrees: a number, a list, or "LO:HI:STEP"; measured or n
   rule = "risk"                     # simple | guard | risk, after JCGM 106:2012
   max_consumer_risk = 0.05          # risk: accepts up to this probability of not conforming
   max_producer_risk = 0.05          #       rejects up to this probability of conforming
+                                    #       below 4e-4 no --accuracy decides, below 4e-3 not all
                                     # guard: guard_factor = 1.645 in place of these two, the
                                     #       length of the guard bands in standard uncertainties
 
@@ -46,7 +47,9 @@ limits.toml (angles in degrees: a number, a list, or "LO:HI:STEP"; measured or n
   tolerance = 0.05                  # dex for curves, the parameter's unit for a parameter
 
 verdicts: ACCEPT, REJECT, UNDECIDED. A limit on a parameter of a model that does not apply, or that
-the readings do not identify, is UNDECIDED, whatever its draws say.
+the readings do not identify, is UNDECIDED, whatever its draws say. Unpolarised light that was not
+measured is the mean of s and p of the same draw. Of a difference the probability that it exceeds
+its tolerance is told.
 """
 
 
@@ -75,7 +78,8 @@ def add_paperwork(
         parser.add_argument("--limits", type=Path, metavar="TOML",
                             help="specification to judge it against, see conform")  # fmt: skip
     parser.add_argument("--document", type=Path, metavar="TOML",
-                        help="items of the report: laboratory, customer, dates, ...")  # fmt: skip
+                        help="items of the report: laboratory, customer, dates, ...; {sample} and "
+                        "{run} in its title, report_number, item_id")  # fmt: skip
     if pdf:
         text = "the report as report.pdf too (needs Chromium or Chrome)"
         parser.add_argument("--pdf", action="store_true", help=text)

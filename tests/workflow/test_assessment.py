@@ -209,6 +209,27 @@ def test_unpolarised_light_that_was_measured_has_its_own_readings(
     assert found.mean(axis=0) == pytest.approx(seen, rel=0.06)
 
 
+def test_unpolarised_light_alone_has_a_discrepancy_of_its_own(tmp_path: Path) -> None:
+    """Its tau is that of unpolarised scans: half of it for s and half for p would be too little."""
+    m = pb.simulate_measurement(
+        pb.GREEN_PAINT, seed=4, theta_i_deg=(20.0, 60.0), theta_r_deg=np.linspace(-60.0, 60.0, 21),
+        polarizations=("u",), relative_noise=0.1,
+    )  # fmt: skip
+    pb.write_tidy_csv(m, tmp_path / "u.csv")
+    config = pb.RunConfig(accuracy="draft", holdout=False)
+    fit_file(tmp_path / "u.csv", config, out=tmp_path / "run", seed=1)
+    sample = sample_of(load_analysis(tmp_path / "run"))
+    wanted = limit(quantity="brdf", polarization="u", theta_i_deg=40, theta_r_deg=[-20, 20])
+    found = np.log(draw_measurands(sample, [wanted])["x"])
+    names = ("n", "k", "sigma_n0", "rho0")
+    assert sample.posterior.parameter_names[:4] == names
+    paints = [pb.Parameters(**dict(zip(names, row, strict=False))) for row in sample.x[::8]]
+    curves = np.log([pb.brdf(paint, 40.0, [-20.0, 20.0], "u") for paint in paints])
+    tau = sample.x[::8, sample.posterior.parameter_names.index("tau")]
+    standard = (found[::8] - curves) / tau[:, None]
+    assert standard.std(axis=0) == pytest.approx(1.0, abs=4.0 / (2.0 * len(tau)) ** 0.5)
+
+
 def test_dhr_and_parameter_are_those_of_the_draws(run: Analysis) -> None:
     sample = sample_of(run)
     dhr = limit(quantity="dhr", polarization="p", theta_i_deg=[0, 50])
