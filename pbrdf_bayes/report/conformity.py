@@ -97,12 +97,10 @@ _RULES = {
     "guard": "guard bands",
     "risk": "largest specific risk",
 }
-_TOLD_BY = {
-    "simple": r"\bsimple\b|\bshared[- ]risk|\b(?:no|without|zero) (?:a )?guard",
-    "guard": r"(?<!no )(?<!without )(?<!without a )(?<!zero )\bguard",
-    "risk": r"(?<!shared )(?<!shared-)\brisk",
-}
+_TOLD_BY = {"simple": r"\bsimple\b", "guard": r"\bguard", "risk": r"\brisk"}
 """Words of a text that name a decision rule."""
+_SIMPLE = r"\b(?:no|without|zero) (?:an? |any )?guard\w*|\bshared[- ]risk"
+"""Other words for the simple one."""
 
 
 def rule_notice(summary: Record) -> str:
@@ -113,7 +111,8 @@ def rule_notice(summary: Record) -> str:
     found, agreed = summary.get("conformity"), (summary.get("document") or {}).get("decision_rule")
     if not found or not agreed:
         return ""
-    named = [rule for rule, words in _TOLD_BY.items() if re.search(words, agreed, re.IGNORECASE)]
+    plain = re.sub(_SIMPLE, "simple", agreed.lower())
+    named = [rule for rule, words in _TOLD_BY.items() if re.search(words, plain)]
     applied = found["decision_rule"]["rule"]
     if not named or applied in named:
         return ""

@@ -549,7 +549,8 @@ def test_the_verdict_on_limits_leads(
     [
         ("simple acceptance per contract", "risk", "simple acceptance; the verdict here follows"),
         ("simple acceptance per contract", "simple", ""),
-        ("shared risk", "simple", ""),
+        ("Shared risk", "simple", ""),
+        ("shared risk, without any guard band", "risk", "speaks of simple acceptance;"),
         ("Guard band of 2 u, simple acceptance without guard band for n", "risk",
          "speaks of simple acceptance and guard bands"),
         ("acceptance without guard band", "guard", "speaks of simple acceptance;"),
