@@ -49,7 +49,7 @@ LONG: dict[str, int] = {}
 
 HOMES = {
     "matplotlib": {"report", "bench", "validation"}, "jinja2": {"report", "bench", "validation"}, "nlopt": {"inference.map_fit"},
-    "emcee": {"inference.sampling", "inference.ensembles"}, "arviz_stats": {"inference.arviz_adapter"},
+    "emcee": {"inference.moves", "inference.ensembles", "inference.sampling"}, "arviz_stats": {"inference.arviz_adapter"},
     "jsonschema": {"io"}, "tomllib": {"io"}, "csv": {"io", "batch.index"}, "argparse": {"verbs", "cli"}, "pandas": {"io"},
     "h5py": {"io.netcdf_tree"}, "xarray": {"io", "workflow.tree", "results"}, "numba": {"physics", "inference", "bench", "compile_ahead"},
     "llvmlite": {"physics.elementary"}, "fcntl": {"io.locks"}, "signal": {"cli", "batch.work"}, "distributed": {"batch.executors"},

@@ -30,6 +30,7 @@ from pbrdf_bayes.inference.importance import (
 )
 from pbrdf_bayes.inference.map_fit import coordinate_bounds
 from pbrdf_bayes.inference.mixture import Mixture, fit_mixture
+from pbrdf_bayes.inference.moves import choose_moves, covers, exploring_moves
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.rejected import Rejected, together
 
@@ -46,8 +47,6 @@ _OVERDISPERSION = 2.0
 _KEPT_DRAWS = 20_000
 _PSIS_PROPOSALS = 8_000
 _PSIS_DRAWS = 4_000
-_INDEPENDENCE_K_HAT = 1.0
-_INDEPENDENCE_ESS = 0.1
 _PSIS_CHAINS = 4
 _EXPLORED_STEPS = 400
 _EXPLORED_COMPONENTS = 8
@@ -205,42 +204,12 @@ def _from_importance(posterior: Posterior, quick: ImportanceDraws) -> Draws:
     )  # fmt: skip
 
 
-def independence_move(mixture: Mixture) -> object:
-    """Metropolis-Hastings with proposals from a fixed mixture, whatever the walkers do."""
-
-    def propose(z: Array, random: np.random.RandomState) -> tuple[Array, Array]:
-        rng = np.random.default_rng(random.randint(0, 2**31 - 1, size=4))
-        new = mixture.sample(rng, len(z))
-        return new, mixture.log_density(z) - mixture.log_density(new)
-
-    return emcee.moves.MHMove(propose)
-
-
-def choose_moves(mixture: Mixture, quick: ImportanceDraws) -> tuple[Moves, str]:
-    """Moves and their shares: more of the mixture the better it covers the posterior."""
-    # not emcee's snooker: its acceptance does not leave the target invariant
-    if _covers(quick):
-        return (
-            [(independence_move(mixture), 0.7), (emcee.moves.DEMove(), 0.3)],
-            "0.70 independence from an adapted t mixture, 0.30 differential evolution",
-        )
-    return (
-        [(independence_move(mixture), 0.5), (emcee.moves.DEMove(), 0.5)],
-        "0.50 independence from an adapted t mixture, 0.50 differential evolution",
-    )
-
-
-def _covers(quick: ImportanceDraws) -> bool:
-    """The mixture is a good proposal: light tails of the weights and many effective draws."""
-    return quick.k_hat < _INDEPENDENCE_K_HAT and quick.ess > _INDEPENDENCE_ESS * quick.n_evaluations
-
-
 def _start_ensembles(
     posterior: Posterior, mixture: Mixture, quick: ImportanceDraws, config: RunConfig, seed: int,
     method: str,
 ) -> SamplerState:  # fmt: skip
     """Over-dispersed walkers of every ensemble; they explore first where the proposal is poor."""
-    exploring = method == "psis" or not _covers(quick)
+    exploring = method == "psis" or not covers(quick)
     seeds = _ensemble_seeds(config, seed)
     n_walkers = max(config.n_walkers, 2 * ceil(_FEWEST_WALKERS * posterior.free.size / 2))
     starts = [start_walkers(posterior, mixture, n_walkers, s) for s in seeds]
@@ -254,21 +223,6 @@ def _ensemble_seeds(config: RunConfig, seed: int) -> list[int]:
     return [int(s) for s in np.random.SeedSequence(seed).generate_state(config.n_ensembles)]
 
 
-class _KernelMove(emcee.moves.KDEMove):  # type: ignore[misc]
-    """Proposes from a kernel estimate of the other walkers; none where they span no volume."""
-
-    def get_proposal(self, s: Array, c: list[Array], random: object) -> tuple[Array, Array]:
-        try:
-            proposed, factors = super().get_proposal(s, c, random)
-        except np.linalg.LinAlgError:
-            return s, np.zeros(len(s))
-        return proposed, factors
-
-
-def _exploring_moves() -> Moves:
-    return [(_KernelMove(), 0.5), (emcee.moves.DEMove(), 0.5)]
-
-
 def _explore(
     posterior: Posterior, state: SamplerState, config: RunConfig, seed: int,
     checkpoint: Checkpoint, n_optima: int,
@@ -279,7 +233,7 @@ def _explore(
     changes no more.
     """
     state = walk_to(
-        posterior, state, _exploring_moves, _EXPLORED_STEPS,
+        posterior, state, exploring_moves, _EXPLORED_STEPS,
         threads=config.threads, checkpoint=checkpoint,
     )  # fmt: skip
     checkpoint.keep(state, True)

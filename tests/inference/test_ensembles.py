@@ -26,9 +26,10 @@ from pbrdf_bayes.inference.ensembles import (
 from pbrdf_bayes.inference.importance import ImportanceDraws
 from pbrdf_bayes.inference.map_fit import find_map
 from pbrdf_bayes.inference.mixture import Mixture
+from pbrdf_bayes.inference.moves import choose_moves
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.rejected import MOST_EXAMPLES, Rejected
-from pbrdf_bayes.inference.sampling import choose_moves, sample_posterior
+from pbrdf_bayes.inference.sampling import sample_posterior
 
 Array = NDArray[np.float64]
 MakeLaw = Callable[..., Posterior]

@@ -22,13 +22,11 @@ from pbrdf_bayes.inference.importance import ImportanceDraws
 from pbrdf_bayes.inference.laplace import laplace_mixture
 from pbrdf_bayes.inference.map_fit import coordinate_bounds, find_map
 from pbrdf_bayes.inference.mixture import Mixture
+from pbrdf_bayes.inference.moves import _KernelMove, choose_moves, independence_move
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.sampling import (
     Draws,
     Progress,
-    _KernelMove,
-    choose_moves,
-    independence_move,
     sample_posterior,
     start_walkers,
 )
