@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pbrdf_bayes.inference.holdout import Holdout
+from pbrdf_bayes.inference.parameter_spec import ParameterSpec
 from pbrdf_bayes.inference.parameters import PHYSICAL
 from pbrdf_bayes.inference.residuals import weight_beside_floor
 from pbrdf_bayes.inference.verdicts import (
-    BOUND_SHARE_WARN,
+    CONTRACTION_WARN,
     FAIL,
     HELD_OUT_FAIL_DEX,
     PASS,
@@ -54,6 +55,8 @@ class Applicability:
         Where that is known from.
     held_out : str
         How angles that were left out are predicted, or why none was.
+    caveats : tuple of str
+        What the verdict does not cover, in sentences: what was not tested, what was assumed.
     """
 
     verdict: str
@@ -64,18 +67,30 @@ class Applicability:
     repeatability_dex: float
     repeatability: str
     held_out: str
+    caveats: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Repeatability:
-    """How well a reading repeats [dex], NaN where that is not known, and where it is known from."""
+    """How well a reading repeats [dex], NaN where that is not known, and where it is known from.
+
+    ``neighbours_dex`` is the scatter of neighbouring readings alone [dex].
+    """
 
     dex: float
     words: str
+    neighbours_dex: float = np.nan
+
+    @property
+    def stated_beyond_scatter(self) -> bool:
+        """The stated sigma is clearly larger than what neighbouring readings scatter by."""
+        return self.words == STATED and self.dex > _CLEARLY * self.neighbours_dex
 
 
+NOT_KNOWN = Repeatability(np.nan, "not known")
 _BRIGHT_NOISE = 0.1
 """Relative noise beside which the floor's part counts."""
+_CLEARLY = 1.5
 STATED = "stated by the column sigma"
 INFERRED = "inferred from the scatter of neighbouring readings"
 
@@ -103,14 +118,16 @@ def find_repeatability(
     brdf = measurement.brdf
     stated = (brdf.value > brdf_floor) & np.isfinite(brdf.u_value)
     if not stated.any():
-        known = np.isfinite(white_noise_dex)
-        return Repeatability(white_noise_dex, INFERRED if known else "not known")
+        if not np.isfinite(white_noise_dex):
+            return NOT_KNOWN
+        return Repeatability(white_noise_dex, INFERRED, white_noise_dex)
     relative = brdf.u_value[stated] / brdf.value[stated]
     weight = weight_beside_floor(brdf.value[stated], brdf_floor, _BRIGHT_NOISE)
     scatter = float(np.sqrt(np.average(relative**2, weights=weight)) / np.log(10.0))
     if scatter < white_noise_dex:
-        return Repeatability(white_noise_dex, f"{INFERRED}, more than is {STATED}")
-    return Repeatability(scatter, STATED)
+        words = f"{INFERRED}, more than is {STATED}"
+        return Repeatability(white_noise_dex, words, white_noise_dex)
+    return Repeatability(scatter, STATED, white_noise_dex)
 
 
 def held_out_rms(holdouts: Sequence[Holdout]) -> dict[str, float]:
@@ -122,9 +139,36 @@ def held_out_rms(holdouts: Sequence[Holdout]) -> dict[str, float]:
     return {kind: float(np.sqrt(np.mean(found))) for kind, found in squares.items()}
 
 
+def list_assumed(
+    specs: Sequence[ParameterSpec], given: Collection[str], told: Mapping[str, float]
+) -> tuple[str, ...]:
+    """Which of the four parameters were assumed rather than measured, in sentences.
+
+    Parameters
+    ----------
+    specs : sequence of ParameterSpec
+    given : collection of str
+        Parameters whose prior the configuration gives.
+    told : mapping of str to float
+        Share of the prior variance that the readings explain, of the parameters that are not fixed.
+    """
+    found = []
+    for spec in specs:
+        if spec.name not in PHYSICAL:
+            continue
+        if spec.is_fixed:
+            found.append(f"{spec.name} = {spec.prior.mean:g} was assumed, not measured.")
+        elif spec.name in given and told[spec.name] < CONTRACTION_WARN:
+            found.append(
+                f"{spec.name} was assumed by its prior, {spec.prior.describe()}, "
+                "rather than measured."
+            )
+    return tuple(found)
+
+
 def judge_applicability(
-    *, best_rms_dex: float, repeatability: Repeatability, bound_share: Sequence[float],
-    names: Sequence[str], held_out: Mapping[str, float], untested: str = "",
+    *, best_rms_dex: float, repeatability: Repeatability, at_bound: Collection[str],
+    held_out: Mapping[str, float], untested: str = "", assumed: Sequence[str] = (),
     extended: bool = False,
 ) -> Applicability:  # fmt: skip
     """Apply the three criteria.
@@ -135,13 +179,14 @@ def judge_applicability(
         Rms at the least-squares optimum [dex].
     repeatability : Repeatability
         See `find_repeatability`.
-    bound_share : sequence of float
-        Posterior probability at the bound of the parameters ``names``.
-    names : sequence of str
+    at_bound : collection of str
+        Parameters that are pressed against the bound of their prior.
     held_out : mapping of str to float
         Rms of readings left out, by the kind of what was left out, "angle" or "polarization" [dex].
     untested : str
-        Why no angle was left out, where none was.
+        Why no angle was left out, or how to have that done, where none was.
+    assumed : sequence of str
+        Sentences on what was assumed, see `list_assumed`.
     extended : bool
         Effects were tried or are part of the model: the advice is not to try them again.
 
@@ -152,20 +197,17 @@ def judge_applicability(
         parameters on its bound: the model does not apply. An rms of more than three times the
         repeatability: it is descriptive only.
     """
-    wrong = [
-        f"{name} is at the bound of its prior"
-        for name, share in zip(names, bound_share, strict=True)
-        if name in PHYSICAL and share > BOUND_SHARE_WARN
-    ]
+    wrong = [f"{name} is at the bound of its prior" for name in PHYSICAL if name in at_bound]
     for kind, words in (("angle", "angles"), ("polarization", "the other polarisation")):
         rms = held_out.get(kind, 0.0)
         if rms > beside_noise(HELD_OUT_FAIL_DEX, repeatability.dex):
             wrong.append(f"{words} left out are predicted to {rms:.2f} dex only")
-    tested = (
-        f"angles left out are predicted to {held_out['angle']:.3f} dex"
-        if ("angle" in held_out)
-        else f"held-out angles were not tested{untested}"
-    )
+    caveats = list(assumed)
+    if "angle" in held_out:
+        tested = f"angles left out are predicted to {held_out['angle']:.3f} dex"
+    else:
+        tested = f"not tested: prediction of angles left out{untested}"
+        caveats.insert(0, f"N{tested[1:]}.")
     limit = misfit_limit_dex(repeatability.dex)
     loose = []
     if best_rms_dex > limit:
@@ -173,15 +215,14 @@ def judge_applicability(
             f"the rms is {best_rms_dex:.3f} dex where readings repeat to {repeatability.dex:.3f} "
             f"dex ({repeatability.words})"
         )
-    basis = (limit, repeatability.dex, repeatability.words, tested)
+    basis = (limit, repeatability.dex, repeatability.words, tested, tuple(caveats))
     verdict = DOES_NOT_APPLY if wrong else DESCRIPTIVE if loose else APPLIES
     reasons = (*wrong, *loose)
     if not reasons:
-        words = "Nothing speaks against the model for this material"
-        words += "." if "angle" in held_out else f"; {tested}."
+        words = " ".join(["Nothing speaks against the model for this material.", *caveats])
         return Applicability(verdict, (), words, "", *basis)
     lead = "The model does not apply" if wrong else "The model is descriptive only"
-    words = f"{lead}: {'; '.join(reasons)}. {_NOT_CONSTANTS}"
+    words = " ".join([f"{lead}: {'; '.join(reasons)}. {_NOT_CONSTANTS}", *caveats])
     return Applicability(verdict, reasons, words, _LOOK if extended else _TRY_EFFECTS, *basis)
 
 

@@ -17,7 +17,7 @@ one is tried with the other, too.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -28,6 +28,7 @@ from threadpoolctl import threadpool_limits
 
 from pbrdf_bayes.config import AUTO, RunConfig
 from pbrdf_bayes.errors import DataError
+from pbrdf_bayes.inference.bounds import at_bound
 from pbrdf_bayes.inference.effect_candidates import (
     alternatives,
     caution,
@@ -54,7 +55,6 @@ TYPICAL_N = 1.5
 _N_STARTS = 4
 _ADDED_AT = 0.2
 """Quantile of its prior at which the parameter of an added effect starts."""
-_AT_BOUND = 1e-3
 _CHANCE = 0.05
 
 
@@ -66,7 +66,7 @@ class _Tried:
     n_free: int
     rms_dex: float
     log_rms: Array
-    at_bound: tuple[str, ...]
+    at_bound: Mapping[str, str]
     microseconds: float
 
     @property
@@ -113,7 +113,10 @@ def choose_effects(
         kind: float(np.sqrt(np.mean(np.exp(2.0 * chosen.log_rms[[c.kind == kind for c in cases]]))))
         for kind in dict.fromkeys(case.kind for case in cases)
     }
-    return chosen.config, EffectsChoice(tuple(scored), names, words, caution(len(names)), held_out)
+    symbols = {name: symbol for one in tried for name, symbol in one.at_bound.items()}
+    return chosen.config, EffectsChoice(
+        tuple(scored), names, words, caution(len(names)), held_out, symbols
+    )
 
 
 def _counted_alike(measurement: Measurement) -> Measurement:
@@ -264,6 +267,7 @@ def _try(config: RunConfig, whole: Posterior, best: Array, cases: Sequence[Case]
 
     with threadpool_limits(limits=1, user_api="blas"), ThreadPoolExecutor(config.threads) as pool:
         log_rms = np.array(list(pool.map(left_out, cases)))
+    on_bound = at_bound(whole, best)
     return _Tried(
         config=config,
         names=whole.parameter_names,
@@ -271,7 +275,7 @@ def _try(config: RunConfig, whole: Posterior, best: Array, cases: Sequence[Case]
         n_free=len(whole.of_model),
         rms_dex=calibrated_residuals(whole, best).rms,
         log_rms=log_rms,
-        at_bound=_at_bound(whole, best),
+        at_bound={s.name: s.symbol for s in whole.specs if s.name in on_bound},
         microseconds=time_likelihood(whole, best),
     )
 
@@ -312,19 +316,6 @@ def _log_rms(whole: Posterior, best: Array, case: Case) -> float:
     return float(0.5 * np.log(mean_square))
 
 
-def _at_bound(posterior: Posterior, x: Array) -> tuple[str, ...]:
-    low, high = coordinate_bounds(posterior)
-    z = posterior.to_coordinates(x[None, :])[0]
-    margin = _AT_BOUND * np.minimum(high - low, 1.0)
-    found = []
-    for i in posterior.of_model:
-        spec = posterior.specs[posterior.free[i]]
-        at_low = z[i] < low[i] + margin[i] and not spec.begins_at_null
-        if at_low or z[i] > high[i] - margin[i]:
-            found.append(spec.name)
-    return tuple(found)
-
-
 def _paired(one: _Tried, other: _Tried) -> tuple[float, float]:
     """Mean of the differences of ln rms over the cases, and its standard error."""
     difference = one.log_rms - other.log_rms
@@ -356,8 +347,9 @@ def _score(tried: _Tried, best: _Tried, *, chosen: bool) -> Scored:
     return Scored(
         name=in_words(tried.config), effects=tried.config.effects,
         line_shape=tried.config.line_shape, n_free=tried.n_free, rms_dex=tried.rms_dex,
-        held_out_dex=float(np.sqrt(np.mean(np.exp(2.0 * tried.log_rms)))), score=tried.score,
-        difference=difference, u_difference=u, at_bound=tried.at_bound,
+        held_out_dex=float(np.sqrt(np.mean(np.exp(2.0 * tried.log_rms)))),
+        mean_held_out_dex=float(np.mean(np.exp(tried.log_rms))), score=tried.score,
+        difference=difference, u_difference=u, at_bound=tuple(tried.at_bound),
         microseconds=tried.microseconds, chosen=chosen,
     )  # fmt: skip
 

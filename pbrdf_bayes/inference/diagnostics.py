@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,12 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from pbrdf_bayes.config import RunConfig
-from pbrdf_bayes.inference.applicability import Applicability, applicability_diagnostic
+from pbrdf_bayes.inference.applicability import (
+    Applicability,
+    Repeatability,
+    applicability_diagnostic,
+)
+from pbrdf_bayes.inference.bounds import at_bound, at_null, judge_bounds, pressed, share_at_bound
 from pbrdf_bayes.inference.common_misfit import CommonMisfit, judge_common
 from pbrdf_bayes.inference.dhr_misfit import judge_dhr
 from pbrdf_bayes.inference.discrepancy_size import DiscrepancySize, judge_size
@@ -17,6 +23,7 @@ from pbrdf_bayes.inference.holdout import Holdout
 from pbrdf_bayes.inference.leave_one_out import LeaveOneOut
 from pbrdf_bayes.inference.map_fit import MapResult
 from pbrdf_bayes.inference.parameter_spec import ParameterSpec
+from pbrdf_bayes.inference.parameters import PHYSICAL
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.power_scaling import PriorSensitivity
 from pbrdf_bayes.inference.predictive_checks import (
@@ -29,10 +36,6 @@ from pbrdf_bayes.inference.rejected import Rejected, together
 from pbrdf_bayes.inference.residuals import Residuals, effective_share
 from pbrdf_bayes.inference.sampling import AUTOCORRELATION_TIMES, RHAT_LIMIT, Draws
 from pbrdf_bayes.inference.verdicts import (
-    BOUND_NEAR,
-    BOUND_QUANTILE,
-    BOUND_REACH,
-    BOUND_SHARE_WARN,
     CONTRACTION_WARN,
     COVERAGE_CHANCE,
     COVERAGE_WARN,
@@ -75,6 +78,9 @@ class Identifiability:
         Effective over actual number of readings.
     bound_share : ndarray, shape (n_physical,)
         Posterior probability of the outermost 1 % of the prior on the fuller side.
+    optimum_at, null_at : tuple of str
+        Parameters that an optimum has on a bound, of those that the readings identify; and at
+        their null value.
     """
 
     names: tuple[str, ...]
@@ -83,6 +89,18 @@ class Identifiability:
     honest: Array
     share: float
     bound_share: Array
+    optimum_at: tuple[str, ...] = ()
+    null_at: tuple[str, ...] = ()
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Posterior probability at the bound, by parameter."""
+        return dict(zip(self.names, self.bound_share.tolist(), strict=True))
+
+    @property
+    def at_bound(self) -> tuple[str, ...]:
+        """Parameters that are pressed against a bound."""
+        return pressed(self.shares, self.optimum_at)
 
 
 def contraction(spec: ParameterSpec, values: Array) -> float:
@@ -93,39 +111,38 @@ def contraction(spec: ParameterSpec, values: Array) -> float:
     return float(1.0 - np.var(values) / np.var(prior))
 
 
-def _share_at_bound(spec: ParameterSpec, values: Array) -> float:
-    """Share of the draws in the last per cent of the prior, the larger one of either side.
-
-    Where the prior is flat up to its bound, a value there may be small and well known: it counts
-    only if the posterior reaches the bound.
-    """
-    prior = spec.prior
-    low, high = prior.quantile(np.array([BOUND_QUANTILE, 1.0 - BOUND_QUANTILE]))
-    mean, reach = float(values.mean()), np.inf
-    if prior.kind in ("uniform", "loguniform"):
-        reach = max(BOUND_REACH * float(values.std()), BOUND_NEAR * (prior.high - prior.low))
-    begins = spec.begins_at_null or mean - prior.low > reach
-    at_low = 0.0 if begins else float(np.mean(values < low))
-    at_high = float(np.mean(values > high)) if prior.high - mean <= reach else 0.0
-    return max(at_low, at_high)
-
-
 def assess_identifiability(
-    posterior: Posterior, draws: Array, tempered: Array, share: float
-) -> Identifiability:
-    """Contraction of the physical parameters, from draws of shape (n_draws, n_par)."""
-    columns, names, plain, honest, bound = [], [], [], [], []
-    for index, spec in enumerate(posterior.specs):
-        if spec.kind != "physical":
-            continue
-        columns.append(index)
-        names.append(spec.name)
-        plain.append(contraction(spec, draws[:, index]))
-        honest.append(contraction(spec, tempered[:, index]))
-        bound.append(_share_at_bound(spec, draws[:, index]))
+    posterior: Posterior, draws: Array, tempered: Array, share: float,
+    optima: Sequence[Array] = (),
+) -> Identifiability:  # fmt: skip
+    """Contraction of the physical parameters, and those at a bound.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    draws, tempered : ndarray, shape (n_draws, n_par)
+        Physical units; the second with the likelihood weakened to the share of the readings.
+    share : float
+        Effective over actual number of readings.
+    optima : sequence of ndarray, shape (n_par,)
+        Of the posterior and of least squares. Where the readings do not identify a parameter, an
+        optimum of it on a bound says that, and nothing against the model.
+    """
+    columns = [i for i, spec in enumerate(posterior.specs) if spec.kind == "physical"]
+    specs = [posterior.specs[i] for i in columns]
+    parts = list(zip(specs, draws[:, columns].T, tempered[:, columns].T, strict=True))
+    honest = np.array([contraction(spec, weak) for spec, _, weak in parts])
+    told = [s.name for s, c in zip(specs, honest, strict=True) if c >= CONTRACTION_WARN]
+    found = {name for x in optima for name in at_bound(posterior, x)}
+    null = {name for x in optima for name in at_null(posterior, x)}
     return Identifiability(
-        tuple(names), np.array(columns), np.array(plain), np.array(honest), share, np.array(bound)
-    )
+        names=tuple(spec.name for spec in specs), columns=np.array(columns),
+        contraction=np.array([contraction(spec, values) for spec, values, _ in parts]),
+        honest=honest, share=share,
+        bound_share=np.array([share_at_bound(spec, values) for spec, values, _ in parts]),
+        optimum_at=tuple(name for name in told if name in found),
+        null_at=tuple(name for name in PHYSICAL if name in null),
+    )  # fmt: skip
 
 
 def run_diagnostics(
@@ -135,7 +152,7 @@ def run_diagnostics(
     optima: MapResult,
     residuals: Residuals,
     best_rms_dex: float,
-    white_noise_dex: float,
+    repeatability: Repeatability,
     identifiability: Identifiability,
     covered: tuple[int, int],
     holdout: Holdout | None,
@@ -154,7 +171,7 @@ def run_diagnostics(
         _chain_length(draws),
         _modes(optima, draws, identifiability.columns),
         _identified(identifiability),
-        _bounds(identifiability),
+        judge_bounds(identifiability.shares, identifiability.optimum_at, identifiability.null_at),
     ]
     if sensitivity is not None:
         checks.append(judge_prior(sensitivity))
@@ -163,7 +180,7 @@ def run_diagnostics(
     elif np.isfinite(residuals.lag1):
         checks.insert(0, _correlation(residuals, identifiability.share))
     if np.isfinite(best_rms_dex):
-        checks.insert(0, _misfit(best_rms_dex, white_noise_dex))
+        checks.insert(0, _misfit(best_rms_dex, repeatability))
     if np.isfinite(dhr_misfit):
         checks.append(judge_dhr(dhr_misfit))
     if common is not None:
@@ -174,7 +191,7 @@ def run_diagnostics(
         share, correlated = effective_share(residuals.lag1), discrepancy is not None
         checks.append(_coverage(*covered, share, correlated=correlated))
     if leave_one_out is not None:
-        checks.extend(judge_readings(leave_one_out))
+        checks.extend(judge_readings(leave_one_out, repeatability))
     if holdout is not None:
         checks.append(judge_recipe(holdout))
     rejected = together(optima.rejected, draws.rejected)
@@ -187,20 +204,21 @@ def _percent(dex: float) -> float:
     return float(100.0 * (10.0**dex - 1.0))
 
 
-def _misfit(rms: float, noise: float) -> Diagnostic:
+def _misfit(rms: float, repeatability: Repeatability) -> Diagnostic:
+    noise = repeatability.dex
     fail = beside_noise(MISFIT_FAIL_DEX, noise)
     warn = min(beside_noise(MISFIT_WARN_DEX, noise), misfit_limit_dex(noise))
     verdict = grade(rms, warn, fail)
     statement = (
         f"At its least-squares optimum the model leaves {rms:.3f} dex rms ({_percent(rms):.0f} %); "
         + (
-            f"the white noise of the scans is {noise:.3f} dex."
+            f"readings repeat to {noise:.3f} dex ({repeatability.words})."
             if np.isfinite(noise)
-            else "the scans are too short to show their white noise."
+            else "how well readings repeat is not known."
         )
     )
     advice = (
-        "The strict four-parameter model does not describe these readings. n, k, σ_N0 and ρ_0 are "
+        "The model does not describe these readings. n, k, σ_N0 and ρ_0 are "
         "then fitted numbers, not material constants, and their intervals are not valid."
         if verdict == FAIL
         else "The misfit is larger than the noise: intervals that take the model as exact are too "
@@ -342,21 +360,6 @@ def _identified(found: Identifiability) -> Diagnostic:
         "identifiability", "Identifiability", value, CONTRACTION_WARN, "1", verdict, statement,
         "Their posterior is mostly the prior's. Polarised scans, DHR readings or a narrower, "
         "defensible prior are needed before they are quoted." if weak else "",
-    )  # fmt: skip
-
-
-def _bounds(found: Identifiability) -> Diagnostic:
-    value = float(found.bound_share.max())
-    active = [
-        n for n, b in zip(found.names, found.bound_share, strict=True) if b > BOUND_SHARE_WARN
-    ]
-    return Diagnostic(
-        "bounds", "Parameters at a bound", value, BOUND_SHARE_WARN, "1",
-        FAIL if active else PASS,
-        f"At the bound of its prior: {', '.join(active)}." if active
-        else "No physical parameter is pressed against the bound of its prior.",
-        "The optimum lies outside what the prior allows: the model is used as a description "
-        "only, and the parameter is not a material constant." if active else "",
     )  # fmt: skip
 
 

@@ -20,6 +20,8 @@ class Scored:
         Parameters of the model that are not fixed.
     rms_dex, held_out_dex : float
         Of the readings fitted, and of those left out, root mean square over the cases.
+    mean_held_out_dex : float
+        Mean over the cases of the rms of the readings left out.
     score, difference, u_difference : float
         Mean ln rms of what was left out; that of the best candidate subtracted, with the standard
         error of the paired difference.
@@ -36,6 +38,7 @@ class Scored:
     n_free: int
     rms_dex: float
     held_out_dex: float
+    mean_held_out_dex: float
     score: float
     difference: float
     u_difference: float
@@ -49,7 +52,8 @@ class EffectsChoice:
     """All candidates, the smallest first, and which one was taken.
 
     ``caution`` is what is to be said where too few cases could be left out; ``held_out`` the rms
-    [dex] of what the chosen one predicts of readings left out, by the kind of what was left out.
+    [dex] of what the chosen one predicts of readings left out, by the kind of what was left out;
+    ``symbols`` those of the parameters that candidates have on their bounds.
     """
 
     candidates: tuple[Scored, ...]
@@ -57,3 +61,4 @@ class EffectsChoice:
     statement: str
     caution: str
     held_out: Mapping[str, float] = field(default_factory=dict)
+    symbols: Mapping[str, str] = field(default_factory=dict)

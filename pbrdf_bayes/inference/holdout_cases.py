@@ -88,10 +88,10 @@ def list_cases(measurement: Measurement) -> tuple[Case, ...]:
 
 
 def why_no_angle_left_out(measurement: Measurement, wanted: str) -> str:
-    """Reason, to follow "not tested", of a run with this ``holdout``; empty where there is none."""
+    """Reason or remedy, to follow "not tested", of a run with this ``holdout``; may be empty."""
     if not any(case.kind == "angle" for case in list_cases(measurement)):
         return ": that takes BRDF scans at two angles of incidence or more"
-    return "" if wanted == "all" else " at this accuracy (holdout = 'all' tests them)"
+    return "" if wanted == "all" else '; fit with holdout = "all" or a higher accuracy'
 
 
 def run_cases(

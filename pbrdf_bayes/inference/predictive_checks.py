@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import ndtri
 
+from pbrdf_bayes.inference.applicability import NOT_KNOWN, Repeatability
 from pbrdf_bayes.inference.holdout import Holdout
 from pbrdf_bayes.inference.leave_one_out import Influential, LeaveOneOut, ScanPit
 from pbrdf_bayes.inference.power_scaling import PriorSensitivity
@@ -37,6 +38,8 @@ _PIT_ADVICE = {
     "wide": "Residuals wider than the noise of their polarisation: intervals and bands are too "
     "narrow for that scan.",
     "narrow": "Residuals narrower than the noise of their polarisation: another scan inflates it.",
+    "all narrow": "Residuals of every scan are narrower than the noise that is taken for them: the "
+    "prior of that noise (s_rel) holds it up, or the readings were smoothed.",
 }
 _FAMILIES = {
     "angle": ("holdout_angles", "Prediction of angles left out", "angles of incidence", "others"),
@@ -46,13 +49,15 @@ _FAMILIES = {
 }  # fmt: skip
 
 
-def judge_readings(found: LeaveOneOut) -> tuple[Diagnostic, ...]:
+def judge_readings(
+    found: LeaveOneOut, repeatability: Repeatability = NOT_KNOWN
+) -> tuple[Diagnostic, ...]:
     """Influence of single readings, readings at odds, the PIT of scans."""
     verdicts = [_influence(found)]
     if found.farthest:
         verdicts.append(_outliers(found))
     if found.scans:
-        verdicts.append(_pit(found.scans))
+        verdicts.append(_pit(found.scans, repeatability))
     return tuple(verdicts)
 
 
@@ -115,7 +120,7 @@ def _place(reading: Influential) -> str:
     return f"{reading.label} at {reading.angle_deg:g} deg{line}"
 
 
-def _pit(scans: Sequence[ScanPit]) -> Diagnostic:
+def _pit(scans: Sequence[ScanPit], repeatability: Repeatability) -> Diagnostic:
     """Kolmogorov-Smirnov scan by scan, the probability of a false alarm shared by the scans."""
     n = len(scans)
     bad = [s for s in scans if n * s.p_value < FALSE_ALARM and s.distance > PIT_DISTANCE]
@@ -130,7 +135,10 @@ def _pit(scans: Sequence[ScanPit]) -> Diagnostic:
         else f"In each of {n} scans the readings are spread over what all others predict as chance "
         "would have it."
     )
-    advice = " ".join(dict.fromkeys(_departure(s)[1] for s in bad))
+    kinds = [_departure(s)[1] for s in bad]
+    if kinds == ["narrow"] * n:
+        kinds = ["all narrow"]
+    advice = " ".join(dict.fromkeys(_remedy(kind, repeatability) for kind in kinds))
     return Diagnostic(
         "pit", "Probability integral transform by scan (p-value)", value, FALSE_ALARM, "1",
         WARN if bad else PASS, statement, advice,
@@ -138,7 +146,7 @@ def _pit(scans: Sequence[ScanPit]) -> Diagnostic:
 
 
 def _departure(scan: ScanPit) -> tuple[str, str]:
-    """What is wrong with the residuals of a scan, in words, and what to do."""
+    """What is wrong with the residuals of a scan, in words and as a kind of it."""
     bias = abs(scan.mean) * scan.n**0.5
     spread = abs(scan.sd - 1.0) * (2.0 * scan.n) ** 0.5
     if max(bias, spread) < _CLEAR:
@@ -149,7 +157,20 @@ def _departure(scan: ScanPit) -> tuple[str, str]:
         words, kind = f"residuals too wide (sd {scan.sd:.1f})", "wide"
     else:
         words, kind = f"residuals too narrow (sd {scan.sd:.1f})", "narrow"
-    return words, _PIT_ADVICE[kind]
+    return words, kind
+
+
+def _remedy(kind: str, repeatability: Repeatability) -> str:
+    """What to do about a kind of departure."""
+    if kind.endswith("narrow") and repeatability.stated_beyond_scatter:
+        return (
+            f"The column sigma states {repeatability.dex:.3f} dex where neighbouring readings "
+            f"scatter by {repeatability.neighbours_dex:.3f} dex. The likelihood takes sigma as "
+            "noise of each reading by itself; what the readings of a scan share (the gain of a "
+            "run, the scale) is none. State the scatter of single readings in sigma, and the "
+            "shared part in u_brdf_cal, or leave the scale free (brdf_scale = 'relative')."
+        )
+    return _PIT_ADVICE[kind]
 
 
 def judge_holdout(found: Holdout) -> str:

@@ -29,9 +29,10 @@ COMMON_SIZE = 0.5
 CONTRACTION_WARN = 0.5
 BOUND_SHARE_WARN = 0.2
 BOUND_QUANTILE = 0.01
-BOUND_REACH, BOUND_NEAR = 3.0, 1e-3
-"""Of a flat prior: standard deviations of the posterior from its mean to a bound that it reaches,
-and the share of the range that is the bound itself."""
+BOUND_REACH = 3.0
+"""Of a flat prior: standard deviations of the posterior from its mean to a bound it reaches."""
+BOUND_NEAR, BOUND_NEAR_LOG = 1e-3, 0.03
+"""Share of a range, and of a value that moves in its logarithm, that is the bound itself."""
 COVERAGE_WARN = (0.82, 0.97)
 COVERAGE_CHANCE = 0.005
 RIVAL_NATS = 12.0

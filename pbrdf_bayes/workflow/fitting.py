@@ -20,6 +20,7 @@ from pbrdf_bayes.inference.applicability import (
     find_repeatability,
     held_out_rms,
     judge_applicability,
+    list_assumed,
 )
 from pbrdf_bayes.inference.bands import scan_scales
 from pbrdf_bayes.inference.choose_effects import choose_effects, time_likelihood
@@ -171,7 +172,9 @@ def _fit_posterior(
     with clock.stage("identify"):
         share = effective_share(best.lag1) if posterior.discrepancy is None else 1.0
         tempered = _tempered_draws(posterior, draws, share, seed, checkpoint("identify"))
-        identifiability = assess_identifiability(posterior, draws.flat, tempered, share)
+        identifiability = assess_identifiability(
+            posterior, draws.flat, tempered, share, (optima.best.x, best_x)
+        )
         discrepancy = measure_discrepancy(posterior, draws.flat, seed=seed)
         sensitivity = measure_sensitivity(posterior, draws)
         common = compare_misfits(posterior, optima.best.x, seed=seed)
@@ -182,7 +185,7 @@ def _fit_posterior(
         dhr_curves = predict_dhr(posterior, picked, optima.best.x, rng)
         scales = scan_scales(posterior, picked, rng)
         widths = measure_widths(posterior, picked, optima.best.x)
-        reciprocity = measure_reciprocity(posterior, optima.best.x)
+        reciprocity = measure_reciprocity(posterior, picked)
         covered = count_covered(posterior, picked, optima.best.x, scales, rng)
     with clock.stage("leave one out"):
         leave_one_out = leave_each_out(posterior, draws.flat, seed=seed)
@@ -193,17 +196,18 @@ def _fit_posterior(
             holdout = run_holdout(m, config, seed=seed, checkpoint=checkpoint("holdout"))
         cases = list_cases(m) if wanted == "all" else ()
         holdouts = run_cases(posterior, optima.best.x, cases, seed=seed)
-    noise = white_noise_dex(posterior)
+    repeatability = find_repeatability(m, white_noise_dex(posterior), config.brdf_floor)
+    told = dict(zip(identifiability.names, identifiability.honest.tolist(), strict=True))
     applicability = judge_applicability(
-        best_rms_dex=best_rms, repeatability=find_repeatability(m, noise, config.brdf_floor),
-        bound_share=identifiability.bound_share.tolist(), names=identifiability.names,
+        best_rms_dex=best_rms, repeatability=repeatability, at_bound=identifiability.at_bound,
         held_out={**(choice.held_out if choice is not None else {}), **held_out_rms(holdouts)},
         untested=why_no_angle_left_out(m, wanted),
+        assumed=list_assumed(posterior.specs, config.priors, told),
         extended=choice is not None or bool(config.additions),
     )  # fmt: skip
     diagnostics = run_diagnostics(
         config=config, draws=draws, optima=optima, residuals=best, best_rms_dex=best_rms,
-        white_noise_dex=noise, identifiability=identifiability,
+        repeatability=repeatability, identifiability=identifiability,
         covered=covered, holdout=holdout, discrepancy=discrepancy,
         leave_one_out=leave_one_out, sensitivity=sensitivity, holdouts=holdouts,
         applicability=applicability, common=common,

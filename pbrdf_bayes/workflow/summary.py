@@ -145,7 +145,7 @@ def _parameters(s: Stages) -> dict[str, Any]:
         q025, q05, median, q95, q975 = np.quantile(values, [0.025, 0.05, 0.5, 0.95, 0.975])
         mean, sd = (values[0], 0.0) if spec.is_fixed else (values.mean(), values.std(ddof=1))
         prior_sd = spec.prior.standard_deviation
-        explained = 0.0 if spec.is_fixed else contraction(spec, values)
+        explained = np.nan if spec.is_fixed else contraction(spec, values)
         table[spec.name] = {
             "symbol": spec.symbol, "unit": spec.unit, "description": spec.description,
             "kind": spec.kind, "mean": mean, "sd": sd,
@@ -154,8 +154,7 @@ def _parameters(s: Stages) -> dict[str, Any]:
             "ess_tail": draws.ess_tail[i], "rhat": draws.rhat[i],
             "mcse_mean": draws.mcse_mean[i], "prior": spec.prior.describe(),
             "prior_sd": prior_sd, "contraction": explained,
-            "identified": spec.is_fixed
-            or bool(honest.get(spec.name, explained) >= CONTRACTION_WARN),
+            "identified": bool(honest.get(spec.name, explained) >= CONTRACTION_WARN),
         }  # fmt: skip
         if spec.name in honest:
             table[spec.name]["contraction_effective"] = honest[spec.name]

@@ -7,27 +7,33 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbrdf_bayes import GREEN_PAINT, Measurement, simulate_measurement
+from pbrdf_bayes import (
+    GREEN_PAINT,
+    Measurement,
+    RunConfig,
+    build_posterior,
+    simulate_measurement,
+)
 from pbrdf_bayes.inference.applicability import (
     Repeatability,
     find_repeatability,
     held_out_rms,
     judge_applicability,
+    list_assumed,
 )
 from pbrdf_bayes.inference.holdout import Holdout
 from pbrdf_bayes.inference.holdout_cases import why_no_angle_left_out
 from pbrdf_bayes.inference.parameters import PHYSICAL
 
 
-def judge(rms=0.01, repeatability=0.01, at_bound=None, held_out=0.01, kind="angle"):
+def judge(rms=0.01, repeatability=0.01, at_bound=None, held_out=0.01, kind="angle", assumed=()):
     none = np.zeros(0)
     held = Holdout(
         "DHR", "", np.zeros(0, np.str_), none, none, none, held_out, 0.9, 0.1, (), kind=kind
     )
-    share = [1.0 if name == at_bound else 0.0 for name in (*PHYSICAL, "narrowing")]
     return judge_applicability(
-        best_rms_dex=rms, repeatability=Repeatability(repeatability, "stated"), bound_share=share,
-        names=(*PHYSICAL, "narrowing"), held_out=held_out_rms([held]),
+        best_rms_dex=rms, repeatability=Repeatability(repeatability, "stated"),
+        at_bound=[at_bound] if at_bound else [], held_out=held_out_rms([held]), assumed=assumed,
     )  # fmt: skip
 
 
@@ -97,11 +103,35 @@ def test_the_statement_says_which_repeatability_was_used():
 
 def test_angles_that_were_not_left_out_are_not_passed_over_in_silence():
     found = judge(kind="polarization")
-    assert found.held_out == "held-out angles were not tested"
-    assert found.statement.endswith("; held-out angles were not tested.")
+    assert found.held_out == "not tested: prediction of angles left out"
+    assert found.caveats == ("Not tested: prediction of angles left out.",)
+    assert found.statement.endswith("for this material. Not tested: prediction of angles left out.")
+    assert "Not tested" in judge(kind="polarization", rms=0.5).statement
     assert judge().held_out == "angles left out are predicted to 0.010 dex"
+    assert judge().caveats == ()
     measurement = simulate_measurement(GREEN_PAINT, seed=1, theta_i_deg=(20.0, 60.0))
-    assert "at this accuracy" in why_no_angle_left_out(measurement, "recipe")
+    assert 'holdout = "all" or a higher' in why_no_angle_left_out(measurement, "recipe")
     one = simulate_measurement(GREEN_PAINT, seed=1, theta_i_deg=(20.0,))
     assert "two angles of incidence" in why_no_angle_left_out(one, "all")
     assert why_no_angle_left_out(measurement, "all") == ""
+
+
+def test_what_was_assumed_is_no_finding():
+    """n fixed, k by a prior of the configuration that the readings hardly narrow."""
+    measurement = simulate_measurement(GREEN_PAINT, seed=1, theta_i_deg=(20.0,))
+    priors = {
+        "n": {"kind": "fixed", "value": 1.5},
+        "k": {"kind": "normal", "mean": 0.2, "sd": 0.01},
+        "rho0": {"kind": "lognormal", "median": 0.5, "factor": 2.0},
+    }
+    specs = build_posterior(measurement, RunConfig(priors=priors)).specs
+    told = {"k": 0.1, "sigma_n0": 0.1, "rho0": 0.99}
+    assumed = list_assumed(specs, priors, told)
+    assert assumed == (
+        "n = 1.5 was assumed, not measured.",
+        "k was assumed by its prior, Normal(0.2, 0.01) on [0, 12], rather than measured.",
+    )
+    found = judge(assumed=assumed)
+    assert found.verdict == "applies"
+    assert found.statement.startswith("Nothing speaks against the model for this material. n = 1.5")
+    assert "n = 1.5 was assumed" in judge(assumed=assumed, rms=0.5).statement

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import pbrdf_bayes as pb
+from pbrdf_bayes.inference.applicability import Repeatability
 from pbrdf_bayes.inference.common_misfit import CommonMisfit
 from pbrdf_bayes.inference.diagnostics import (
     Identifiability,
@@ -64,9 +65,13 @@ def holdout(rms: float, coverage: float) -> Holdout:
     return Holdout("a", "It says so.", none.astype(str), none, none, none, rms, coverage, 0.1, ())
 
 
+def repeats(dex: float) -> Repeatability:
+    return Repeatability(dex, "stated by the column sigma")
+
+
 GOOD: dict[str, Any] = {
     "config": pb.RunConfig(), "draws": good_draws(), "optima": optima(), "residuals": residuals(),
-    "best_rms_dex": 0.0087, "white_noise_dex": 0.0087, "identifiability": identified(),
+    "best_rms_dex": 0.0087, "repeatability": repeats(0.0087), "identifiability": identified(),
     "covered": (900, 1000), "holdout": holdout(0.01, 0.9),
 }  # fmt: skip
 
@@ -77,8 +82,8 @@ def verdicts(**changes: Any) -> dict[str, Diagnostic]:
 
 def test_noise_is_no_misfit() -> None:
     """Readings of 60 % noise about the right curve, and of 6 %."""
-    assert verdicts(best_rms_dex=0.275, white_noise_dex=0.269)["misfit"].verdict == "PASS"
-    assert verdicts(best_rms_dex=0.027, white_noise_dex=0.026)["misfit"].verdict == "PASS"
+    assert verdicts(best_rms_dex=0.275, repeatability=repeats(0.269))["misfit"].verdict == "PASS"
+    assert verdicts(best_rms_dex=0.027, repeatability=repeats(0.026))["misfit"].verdict == "PASS"
 
 
 def test_bands_with_a_discrepancy_of_new_scans_may_hold_all_fitted_readings() -> None:
@@ -102,12 +107,17 @@ def test_a_good_run_passes_everything_without_advice() -> None:
 
 FIRING: list[tuple[str, dict[str, Any], str, str]] = [
     ("misfit", {"best_rms_dex": 0.03}, "WARN", "larger than the noise"),
-    ("misfit", {"best_rms_dex": 0.06, "white_noise_dex": 0.02}, "WARN", "narrow"),
-    ("misfit", {"best_rms_dex": 0.275, "white_noise_dex": 0.2}, "FAIL", "does not describe"),
+    ("misfit", {"best_rms_dex": 0.06, "repeatability": repeats(0.02)}, "WARN", "narrow"),
+    ("misfit", {"best_rms_dex": 0.275, "repeatability": repeats(0.2)}, "FAIL", "does not describe"),
     ("dhr_misfit", {"dhr_misfit": 0.12}, "WARN", "contradict"),
     ("dhr_misfit", {"dhr_misfit": 0.4}, "FAIL", "contradict"),
     ("common_misfit", {"common": CommonMisfit(0.9, 0.003, 4, 2.0)}, "WARN", "too narrow"),
-    ("misfit", {"best_rms_dex": 0.114, "white_noise_dex": 0.01}, "FAIL", "does not describe"),
+    (
+        "misfit",
+        {"best_rms_dex": 0.114, "repeatability": repeats(0.01)},
+        "FAIL",
+        "does not describe",
+    ),
     ("residual_correlation", {"residuals": residuals(0.3)}, "WARN", "not independent"),
     ("residual_correlation", {"residuals": residuals(0.97)}, "FAIL", "narrow"),
     (
@@ -139,6 +149,12 @@ FIRING: list[tuple[str, dict[str, Any], str, str]] = [
     (
         "bounds",
         {"identifiability": identified(bound=(0.9, 0.0, 0.0, 0.0))},
+        "FAIL",
+        "not a material constant",
+    ),
+    (
+        "bounds",
+        {"identifiability": replace(identified(), optimum_at=("rho0",))},
         "FAIL",
         "not a material constant",
     ),
@@ -174,6 +190,7 @@ def test_values_and_thresholds_are_reported() -> None:
     assert found["misfit"].value == 0.12
     assert "0.120 dex" in found["misfit"].statement
     assert "32 %" in found["misfit"].statement  # 10^0.12 = 1.318
+    assert "repeat to 0.009 dex (stated by the column sigma)" in found["misfit"].statement
     assert (found["rhat"].value, found["rhat"].threshold) == (1.03, 1.01)
     assert "between 4" in found["rhat"].statement
     assert "1.0300" in found["rhat"].statement
@@ -308,6 +325,50 @@ def test_draws_at_a_bound_are_noticed(small_posterior: Posterior) -> None:
     assert found.bound_share[3] < 0.02
 
 
+def pressed(posterior: Posterior, **optimum: float) -> Identifiability:
+    """Narrow draws far from any bound, and an optimum with these values."""
+    middle = np.array([1.5, 0.2, 0.4, 0.5, 0.02, 0.02, 5e-4])
+    draws = middle * (1.0 + 1e-3 * np.random.default_rng(3).standard_normal((4000, 7)))
+    x = middle.copy()
+    for name, value in optimum.items():
+        x[posterior.parameter_names.index(name)] = value
+    return assess_identifiability(posterior, draws, draws, 1.0, (middle, x))
+
+
+@pytest.mark.parametrize(
+    ("name", "at", "off"),
+    [("n", 3.0, 2.99), ("sigma_n0", 1.0, 0.99), ("rho0", 3.92, 3.85), ("rho0", 1e-3, 1.1e-3)],
+)
+def test_an_optimum_at_a_bound_counts_where_no_draw_is(
+    small_posterior: Posterior, name: str, at: float, off: float
+) -> None:
+    """rho0 moves in its logarithm: 3.92 of 4 is a bound that the readings do not tell from 4."""
+    found = pressed(small_posterior, **{name: at})
+    assert found.bound_share.max() == 0.0
+    assert found.at_bound == (name,)
+    said = verdicts(identifiability=found)["bounds"]
+    assert (said.verdict, said.value) == ("FAIL", 1.0)
+    assert f"{name} (an optimum is there" in said.statement
+    assert pressed(small_posterior, **{name: off}).at_bound == ()
+
+
+def test_an_optimum_at_a_bound_says_nothing_of_what_is_not_identified(
+    small_posterior: Posterior,
+) -> None:
+    draws = small_posterior.sample_prior(np.random.default_rng(1), 4000)
+    x = np.array([3.0, 0.2, 1.0, 4.0, 0.02, 0.02, 5e-4])
+    assert assess_identifiability(small_posterior, draws, draws, 1.0, (x,)).at_bound == ()
+
+
+def test_k_at_zero_is_a_dielectric_and_no_bound(small_posterior: Posterior) -> None:
+    found = pressed(small_posterior, k=1e-12)
+    assert found.at_bound == ()
+    said = verdicts(identifiability=found)["bounds"]
+    assert said.verdict == "PASS"
+    assert "k is at 0, a dielectric as far as the readings tell" in said.statement
+    assert "k is at 0" not in verdicts()["bounds"].statement
+
+
 def test_a_small_value_that_is_well_known_is_not_at_the_bound(small_posterior: Posterior) -> None:
     """sigma_N0 of a black paint, 0.0086 with an error of a tenth of it, on a prior from 0 to 1."""
     rng = np.random.default_rng(3)
@@ -341,7 +402,7 @@ def test_correlated_readings_are_fewer_readings() -> None:
 
 
 def test_scans_of_one_point_have_no_neighbours_and_no_nan_in_their_words() -> None:
-    found = verdicts(residuals=residuals(math.nan), white_noise_dex=math.nan)
+    found = verdicts(residuals=residuals(math.nan), repeatability=repeats(math.nan))
     assert "residual_correlation" not in found
     assert not any("nan" in d.statement for d in found.values())
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import gamma, norm
 
 import pbrdf_bayes as pb
+from pbrdf_bayes.inference.applicability import find_repeatability
 from pbrdf_bayes.inference.conditionals import brdf_conditionals, dhr_conditionals
 from pbrdf_bayes.inference.laplace import laplace_mixture
 from pbrdf_bayes.inference.leave_one_out import LeaveOneOut, leave_each_out
@@ -20,6 +21,7 @@ from pbrdf_bayes.inference.map_fit import find_map
 from pbrdf_bayes.inference.pareto import leave_one_out, smooth_weights
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
 from pbrdf_bayes.inference.predictive_checks import judge_readings
+from pbrdf_bayes.inference.residuals import white_noise_dex
 from pbrdf_bayes.inference.sampling import sample_posterior
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.simulate import simulate_measurement
@@ -195,6 +197,24 @@ def test_a_scan_off_its_level_is_named(small: Measurement) -> None:
     assert verdict.verdict == "WARN"
     assert "s 60 deg" in verdict.statement or "s 20 deg" in verdict.statement
     assert "residuals" in verdict.statement
+
+
+def test_a_stated_sigma_beyond_the_scatter_is_the_cause_of_narrow_residuals(
+    small: Measurement,
+) -> None:
+    """Readings of 2 % noise that state 15 %: no scan inflates the noise of the others."""
+    brdf = replace(small.brdf, u_value=0.15 * small.brdf.value)
+    found, posterior = run(replace(small, brdf=brdf))
+    repeatability = find_repeatability(posterior.measurement, white_noise_dex(posterior))
+    verdict = next(d for d in judge_readings(found, repeatability) if d.name == "pit")
+    assert "4 of 4 scans" in verdict.statement
+    assert "too narrow" in verdict.statement
+    assert "states 0.065 dex where" in verdict.advice  # 0.15 / ln 10
+    assert "another scan" not in verdict.advice
+    without = next(d for d in judge_readings(found) if d.name == "pit")
+    assert "Residuals of every scan are narrower" in without.advice
+    few = replace(found, scans=(*found.scans, replace(found.scans[0], p_value=1.0)))
+    assert "another scan" in next(d for d in judge_readings(few) if d.name == "pit").advice
 
 
 def test_without_scans_only_dhr_is_scored(make_measurement: Callable[..., Measurement]) -> None:
