@@ -252,6 +252,8 @@ def _risk(row: Record) -> str:
 def _cell(record: Record | None) -> Cell:
     if not record:
         return Cell(MISSING, "", "")
+    if record["kind"] == "fixed":
+        return Cell(number(record["mean"]), "fixed", _key(record["mean"]))
     r = rounded(record["mean"], record["sd"], low=record["q025"], high=record["q975"])
     interval = f"{r.low} to {r.high}"
     return Cell(

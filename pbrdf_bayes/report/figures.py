@@ -120,9 +120,11 @@ def _draw(analysis: Analysis) -> Figures:
 
 
 def samples_of(analysis: Analysis) -> list[Sample]:
-    """Draws of every parameter the posterior holds."""
+    """Draws of every parameter that is not fixed."""
     found = []
     for name, record in analysis.summary["parameters"].items():
+        if record["kind"] == "fixed":
+            continue
         posterior = draws_of(analysis, "posterior", name)
         if posterior.size:
             prior = draws_of(analysis, "prior", name)

@@ -6,6 +6,7 @@ value to the same decimal place.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import floor, isfinite, log10
 from typing import Any
@@ -115,6 +116,19 @@ def number(value: Any, *, digits: int = 3) -> str:
         return _typeset(text.rstrip("0").rstrip(".") if "." in text else text)
     mantissa = f"{x / 10.0**exponent:.{digits - 1}f}".rstrip("0").rstrip(".")
     return f"{_typeset(mantissa)} × 10{str(exponent).translate(_RAISED)}"
+
+
+def alike(values: Sequence[Any]) -> list[str]:
+    """Write a column with equal decimals, two digits of its smallest number.
+
+    Examples
+    --------
+    >>> alike([0.2, 0.0423, None]), alike([120.4, 38.2])
+    (['0.200', '0.042', '–'], ['120', '38'])
+    """
+    known = [abs(x) for x in map(finite, values) if x]
+    decimals = decimals_of(min(known, default=1.0)) or 0
+    return [fixed(value, max(decimals, 0)) for value in values]
 
 
 def count(value: Any) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from math import log
 from typing import Any
 
@@ -11,6 +12,7 @@ from pbrdf_bayes.report.tables import DIAGONAL, background
 
 Record = Mapping[str, Any]
 _FULL = log(4.0)
+_STATES = {"s": "s", "p": "p", "u": "unpolarised"}
 
 
 def widths_text(summary: Record) -> str:
@@ -43,34 +45,65 @@ def widths_text(summary: Record) -> str:
     )
 
 
-def reciprocity_rows(summary: Record) -> list[tuple[str, list[tuple[str, str]]]]:
-    """Angle, and text and background of each cell: s below the diagonal, p above it.
+@dataclass(frozen=True)
+class Factor:
+    """A cell of the table of factors: median, 90 % interval, background."""
+
+    text: str
+    interval: str
+    background: str
+
+
+_EMPTY = Factor(MISSING, "", DIAGONAL[1])
+
+
+def reciprocity_rows(summary: Record) -> list[tuple[str, list[Factor]]]:
+    """Angle and cells: s below the diagonal and p above it, or unpolarised light below it alone.
 
     Every cell is f(a -> b) / f(b -> a) with a the smaller angle of the two.
     """
     found = summary.get("reciprocity")
     if not found:
         return []
-    angles, factors = found["theta_deg"], found["factors"]
-    return [
-        (
-            degrees(angle),
-            [
-                _factor(factors["s"][j][i]) if j < i else _factor(factors["p"][i][j])
-                if j > i else (MISSING, DIAGONAL[1])
-                for j in range(len(angles))
-            ],
-        )
-        for i, angle in enumerate(angles)
-    ]  # fmt: skip
+    angles = found["theta_deg"]
+    below = "u" if "u" in found["factors"] else "s"
+
+    def cell(i: int, j: int) -> Factor:
+        q, a, b = (below, j, i) if j < i else ("p", i, j)
+        if i == j or q not in found["factors"]:
+            return _EMPTY if i == j else replace(_EMPTY, text="", background="none")
+        return _factor(found, q, a, b)
+
+    indices = range(len(angles))
+    return [(degrees(angles[i]), [cell(i, j) for j in indices]) for i in indices]
 
 
-def _factor(value: Any) -> tuple[str, str]:
-    x = finite(value)
+def _factor(found: Record, q: str, a: int, b: int) -> Factor:
+    x = finite(found["factors"][q][a][b])
     if x is None or x <= 0.0:
-        return MISSING, DIAGONAL[1]
+        return _EMPTY
     text = fixed(x, 2) if 0.1 <= x < 100.0 else number(x, digits=2)
-    return text, background(log(x) / _FULL)
+    ends = [number(found[level][q][a][b], digits=2) for level in ("q05", "q95") if level in found]
+    return Factor(text, "–".join(ends), background(log(x) / _FULL))
+
+
+def reciprocity_caption(summary: Record) -> str:
+    """What the table shows."""
+    found = summary.get("reciprocity") or {}
+    where = (
+        f"median over {found['n_draws']} draws of the posterior, and their 90 % interval"
+        if "n_draws" in found
+        else "at the MAP"
+    )
+    states = (
+        "unpolarised light, as measured"
+        if "u" in found.get("factors", {})
+        else "s below the diagonal, p above it"
+    )
+    return (
+        "BRDF from the smaller angle to the larger one, over that of the way back, both on the "
+        f"forward side: {states}; {where}. 1 is reciprocal; blue is above, orange below."
+    )
 
 
 def reciprocity_text(summary: Record) -> str:
@@ -78,7 +111,7 @@ def reciprocity_text(summary: Record) -> str:
     if "reciprocity" not in summary:
         return ""
     if not summary["reciprocity"]:
-        return "Reciprocity is not shown: at the MAP the surface reflects totally at some angles."
+        return "Reciprocity is not shown: the surface reflects totally at some angles."
     largest = summary["reciprocity"]["largest"]
     if not largest:
         within = "No pair of angles was measured in the plane of incidence."
@@ -86,12 +119,18 @@ def reciprocity_text(summary: Record) -> str:
         a, b = degrees(largest["theta_a_deg"]), degrees(largest["theta_b_deg"])
         within = (
             f"Within the measured angles the factor between the two ways is at most "
-            f"{number(largest['factor'])} ({largest['polarization']}, from {a} to {b})."
+            f"{number(largest['factor'])} ({_STATES[largest['polarization']]}, from {a} to {b}"
+            + (
+                f"; 90 % interval {number(largest['q05'])} to {number(largest['q95'])})."
+                if "q05" in largest
+                else ")."
+            )
         )
     extended = bool(summary["effects"]) or summary["line_shape"] != "lorentzian"
     counted = "; line shape and effects of the sample are counted in" if extended else ""
     return (
-        "A surface scatters as much light from a to b as from b to a (in plane, s or p kept). "
+        "A surface scatters as much light from a to b as from b to a (in plane, s or p kept; their "
+        "mean as well). "
         "The normalisation of Eq. (4) gives every angle of incidence its DHR and does not keep to "
         f"that{counted}. {within} "
         "Readings do not show it where light went one way only; whoever reverses light paths with "

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pbrdf_bayes.report.numbers import (
     MISSING,
     THIN,
+    alike,
     count,
     degrees,
     dex_as_percent,
@@ -72,10 +73,10 @@ class ParameterRow:
     part: str
     physical: bool
     identified: bool
+    says: str
     mean: str
     sd: str
-    low: str
-    high: str
+    interval: str
     map: str
     mcse: str
     rhat: str
@@ -126,11 +127,13 @@ def parameter_rows(
 
 
 def _parameter_row(name: str, p: Record, prior: NDArray[np.float64]) -> ParameterRow:
-    free = p["kind"] != "fixed"
+    fixed_value = p["kind"] == "fixed"
+    sampled = {} if fixed_value else p
     r = rounded(
-        p["mean"], p["sd"] if free else None, low=p["q025"] if free else None,
-        high=p["q975"] if free else None, at_map=p["map"],
+        p["mean"], sampled.get("sd"), low=sampled.get("q025"), high=sampled.get("q975"),
+        at_map=sampled.get("map"),
     )  # fmt: skip
+    rhat = sampled.get("rhat")
     return ParameterRow(
         name=name,
         symbol=symbol_markup(p["symbol"]),
@@ -138,23 +141,30 @@ def _parameter_row(name: str, p: Record, prior: NDArray[np.float64]) -> Paramete
         unit="" if p["unit"] in ("", "1") else p["unit"],
         part=PARTS[p["kind"]],
         physical=p["kind"] == "physical",
-        identified=bool(p["identified"]),
+        identified=fixed_value or bool(p["identified"]),
+        says=_says(p),
         mean=r.value,
         sd=r.uncertainty,
-        low=r.low,
-        high=r.high,
+        interval="fixed" if fixed_value else f"{r.low} to {r.high}",
         map=r.map,
-        mcse=number(p["mcse_mean"] if free else None, digits=2),
-        rhat=fixed(p["rhat"], 4 if (finite(p["rhat"]) or 2) < 1.1 else 2) if free else MISSING,
-        ess_bulk=count(p["ess_bulk"] if free else None),
-        ess_tail=count(p["ess_tail"] if free else None),
+        mcse=number(sampled.get("mcse_mean"), digits=2),
+        rhat=fixed(rhat, 4 if (finite(rhat) or 2) < 1.1 else 2),
+        ess_bulk=count(sampled.get("ess_bulk")),
+        ess_tail=count(sampled.get("ess_tail")),
         prior=p["prior"],
-        contraction=_contraction(p["contraction"] if free else None),
+        contraction=_contraction(sampled.get("contraction")),
         effective=_contraction(p["contraction_effective"]) if "contraction_effective" in p else "",
         by_prior=fixed(p.get("prior_sensitivity"), 2),
         by_readings=fixed(p.get("likelihood_sensitivity"), 2),
-        bar=_bar(p, prior),
+        bar=_bar(sampled, prior),
     )
+
+
+def _says(p: Record) -> str:
+    """What decides a parameter."""
+    if p["kind"] == "fixed":
+        return "assumed, not measured"
+    return "identified by the data" if p["identified"] else "not identified: the prior decides"
 
 
 def _contraction(value: Any) -> str:
@@ -166,7 +176,8 @@ def _contraction(value: Any) -> str:
 
 def _bar(p: Record, prior: NDArray[np.float64]) -> Bar | None:
     """Interval of the posterior within that of the prior."""
-    draws, low, high = prior[np.isfinite(prior)], finite(p["q025"]), finite(p["q975"])
+    draws = prior[np.isfinite(prior)]
+    low, high = finite(p.get("q025")), finite(p.get("q975"))
     if draws.size < 20 or low is None or high is None:
         return None
     start, end = np.quantile(draws, [0.025, 0.975]).tolist()
@@ -337,17 +348,37 @@ def case_rows(summary: Record) -> list[tuple[str, ...]]:
     ]  # fmt: skip
 
 
-def effect_rows(summary: Record) -> list[tuple[str, ...]]:
-    """One line per candidate: chosen or not, what, how it fits, predicts and costs."""
+@dataclass(frozen=True)
+class CandidateRow:
+    """A candidate of the choice of effects: how it fits, predicts and costs."""
+
+    chosen: bool
+    name: str
+    n_free: str
+    rms: str
+    held_out: str
+    mean_held_out: str
+    difference: str
+    at_bound: tuple[Markup, ...]
+    microseconds: str
+
+
+def effect_rows(summary: Record) -> list[CandidateRow]:
+    """One line per candidate; the numbers of a column have the same decimals."""
     found = summary.get("effects_choice") or {}
+    candidates, symbols = found.get("candidates", []), found.get("symbols", {})
+    columns = ("rms_dex", "held_out_dex", "mean_held_out_dex", "microseconds")
+    shown = {name: alike([c.get(name) for c in candidates]) for name in columns}
     return [
-        (
-            "chosen" if c["chosen"] else "", str(c["name"]), count(c["n_free"]),
-            number(c["rms_dex"], digits=2), number(c["held_out_dex"], digits=2),
-            f"{fixed(c['difference'], 3)} ± {fixed(c['u_difference'], 3)}",
-            ", ".join(c["at_bound"]) or MISSING, number(c["microseconds"], digits=2),
+        CandidateRow(
+            chosen=c["chosen"], name=str(c["name"]), n_free=count(c["n_free"]),
+            rms=shown["rms_dex"][i], held_out=shown["held_out_dex"][i],
+            mean_held_out=shown["mean_held_out_dex"][i],
+            difference=f"{fixed(c['difference'], 3)} ± {fixed(c['u_difference'], 3)}",
+            at_bound=tuple(symbol_markup(symbols.get(name, name)) for name in c["at_bound"]),
+            microseconds=shown["microseconds"][i],
         )
-        for c in found.get("candidates", [])
+        for i, c in enumerate(candidates)
     ]  # fmt: skip
 
 

@@ -58,10 +58,16 @@ def banner(summary: Record) -> dict[str, str] | None:
     return FAILED if summary["verdict"] == "FAIL" else None
 
 
-def applicability_text(summary: Record) -> str:
-    """Why the parameters are no properties of the material; nothing where nothing says so."""
+def applicability(summary: Record) -> dict[str, Any]:
+    """Whether the parameters are properties of the material, and what that was not tested for.
+
+    Where the fit failed its checks only the latter is said of a model that applies.
+    """
     found = summary.get("applicability") or {}
-    return "" if found.get("verdict", "applies") == "applies" else str(found["statement"])
+    caveats, statement = found.get("caveats", ()), str(found.get("statement", ""))
+    applies = found.get("verdict", "applies") == "applies"
+    failed = summary["status"] != "done" or summary["verdict"] == "FAIL"
+    return {"applies": applies, "text": " ".join(caveats) if applies and failed else statement}
 
 
 def reservation(summary: Record) -> str:
@@ -93,7 +99,7 @@ def values_note(summary: Record) -> str:
         for p in summary["parameters"].values()
         if p["kind"] == "fixed"
     ]
-    held = f" Held fixed: {', '.join(fixed_ones)}." if fixed_ones else ""
+    held = f" Held fixed, not measured: {', '.join(fixed_ones)}." if fixed_ones else ""
     return (
         "Mean ± standard uncertainty, and the equal-tailed 95 % credible interval. Conditional on "
         f"the model, ρ_0 in particular on the {shape} line shape.{held}"

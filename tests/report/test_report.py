@@ -362,6 +362,70 @@ def test_the_first_screen_says_where_n_and_k_are_no_constants() -> None:
     assert words not in render_report(found)
 
 
+def first_screen(**changes: Any) -> str:
+    found = analysis("demo")
+    page = render_report(replace(found, summary={**found.summary, **changes}))
+    return unescape(re.sub(r"<[^>]*>", "", page[: page.index("<main")]))
+
+
+def test_the_first_screen_says_what_was_not_tested() -> None:
+    """Beside the verdict; where the fit failed without a word in favour of the model."""
+    told = dict(analysis("demo").summary["applicability"])
+    assert told["statement"] in first_screen()
+    caveat = 'Not tested: prediction of angles left out; fit with holdout = "all".'
+    told |= {"statement": f"{told['statement']} {caveat}", "caveats": [caveat]}
+    assert told["statement"] in first_screen(applicability=told)
+    failed = first_screen(applicability=told, verdict="FAIL")
+    assert caveat in failed
+    assert "Nothing speaks against" not in failed
+
+
+def test_a_fixed_parameter_is_called_fixed_and_is_in_no_figure_of_the_sampling() -> None:
+    found = analysis("demo")
+    n = {**found.summary["parameters"]["n"], "kind": "fixed", "sd": 0.0, "mean": 1.5}
+    n |= {"prior": "fixed at 1.5", "identified": False, "contraction": None}
+    parameters = {**found.summary["parameters"], "n": n}
+    page = render_report(replace(found, summary={**found.summary, "parameters": parameters}))
+    row = next(r for r in re.findall(r"<tr>.*?</tr>", page, re.DOTALL) if "fixed at 1.5" in r)
+    cells = [re.sub(r"<[^>]*>", " ", c).split() for c in re.findall(r"<td.*?</td>", row)]
+    assert cells[:4] == [["1.5"], ["–"], ["fixed"], ["–"]]
+    assert "not identified" not in page
+    assert "assumed, not measured" in page
+    assert "Held fixed, not measured: n = 1.5." in page
+    labels = re.findall(r'aria-label="((?:Trace and ranks|Posterior) of [^"]*)"', page)
+    assert labels
+    assert not any(re.search(r"\bn\b(?! ens)", label) for label in labels)
+    before = re.findall(
+        r'aria-label="((?:Trace and ranks|Posterior) of [^"]*)"', render_report(found)
+    )
+    assert len(before) == len(labels) + 1
+
+
+def test_candidates_have_one_notation_and_equal_decimals() -> None:
+    found = analysis("demo")
+    rms = {"rms_dex": [0.2, 0.0423], "held_out_dex": [0.3, 0.1234], "mean_held_out_dex": [0.3, 0.1]}
+    candidates = [
+        {
+            "name": "lambert", "effects": ["lambert"], "line_shape": "cauchy", "n_free": 5,
+            "score": -4.0, "difference": 0.0, "u_difference": 0.0, "microseconds": 50.0 + i,
+            "at_bound": ["nu", "rho0"] if i else [], "chosen": bool(i),
+            **{name: values[i] for name, values in rms.items()},
+        }
+        for i in range(2)
+    ]  # fmt: skip
+    choice = {
+        "candidates": candidates, "cases": ["10 deg", "50 deg", "70 deg"], "statement": "So.",
+        "symbols": {"nu": "ν", "rho0": "ρ_0"},
+    }  # fmt: skip
+    page = render_report(replace(found, summary={**found.summary, "effects_choice": choice}))
+    table = page[page.index('aria-label="Candidates"') :]
+    rows = re.findall(r"<tr.*?</tr>", table[: table.index("</table>")], re.DOTALL)[1:]
+    cells = [[re.sub(r"<[^>]*>", "", c) for c in re.findall(r"<td.*?</td>", row)] for row in rows]
+    assert [row[2:5] for row in cells] == [["0.200", "0.30", "0.30"], ["0.042", "0.12", "0.10"]]
+    assert [row[6] for row in cells] == ["–", "ν, ρ0"]
+    assert "its rms is that of log₁₀(measured / predicted) over all its readings" in table
+
+
 @pytest.mark.parametrize("caution", ["", "The choice has almost no statistics behind it."])
 def test_a_choice_without_statistics_says_so_in_the_table(caution: str) -> None:
     found = analysis("demo")

@@ -9,7 +9,12 @@ from typing import Any
 
 from pbrdf_bayes.report import render_report
 from pbrdf_bayes.report.numbers import fixed
-from pbrdf_bayes.report.structure import reciprocity_rows, reciprocity_text, widths_text
+from pbrdf_bayes.report.structure import (
+    reciprocity_caption,
+    reciprocity_rows,
+    reciprocity_text,
+    widths_text,
+)
 from tests.report.synthetic import analysis
 
 
@@ -25,7 +30,7 @@ def with_summary(name: str, **changes: Any):
 
 def test_the_largest_factor_is_in_words() -> None:
     shown = section(render_report(analysis("demo")))
-    assert "at most 3.32 (p, from 80° to −20°)" in shown
+    assert "at most 3.32 (p, from 80° to −20°; 90 % interval 2.9 to 3.9)." in shown
     assert "effects" not in shown
     nothing = section(render_report(analysis("dhr_only")))
     assert "No pair of angles was measured in the plane of incidence." in nothing
@@ -38,9 +43,34 @@ def test_every_cell_is_from_the_smaller_angle_to_the_larger() -> None:
     summary = analysis("demo").summary
     rows, factors = reciprocity_rows(summary), summary["reciprocity"]["factors"]
     assert [angle for angle, _ in rows] == [f"{10 * i}°" for i in range(9)]
-    assert rows[3][1][1][0] == fixed(factors["s"][1][3], 2), "s below the diagonal"
-    assert rows[1][1][3][0] == fixed(factors["p"][1][3], 2), "p above it"
-    assert rows[2][1][7][0] == rows[4][1][4][0] == "–"
+    assert rows[3][1][1].text == fixed(factors["s"][1][3], 2), "s below the diagonal"
+    assert rows[1][1][3].text == fixed(factors["p"][1][3], 2), "p above it"
+    assert rows[2][1][7].text == rows[4][1][4].text == "–"
+    assert rows[3][1][1].interval == "1.1–1.3"  # exp(0.2) less and more 10 %
+    assert "median over 50 draws" in reciprocity_caption(summary)
+
+
+def test_unpolarised_scans_have_a_factor_of_their_own_and_no_s_and_p() -> None:
+    told = dict(analysis("demo").summary["reciprocity"])
+    for level in ("factors", "q05", "q95"):
+        told[level] = {"u": told[level]["s"]}
+    told["largest"] = {**told["largest"], "polarization": "u"}
+    summary = with_summary("demo", reciprocity=told).summary
+    rows = reciprocity_rows(summary)
+    assert rows[3][1][1].text == fixed(told["factors"]["u"][1][3], 2)
+    assert [cell.text for cell in rows[0][1]] == ["–"] + 8 * [""]
+    assert "(unpolarised, from 80° to −20°; 90 % interval" in reciprocity_text(summary)
+    assert "unpolarised light, as measured" in reciprocity_caption(summary)
+    assert "s below" not in reciprocity_caption(summary)
+
+
+def test_an_older_run_has_the_factors_of_its_optimum() -> None:
+    told = dict(analysis("demo").summary["reciprocity"])
+    told["largest"] = {k: v for k, v in told["largest"].items() if k[0] != "q"}
+    older = {k: told[k] for k in ("theta_deg", "factors", "largest")}
+    shown = section(render_report(with_summary("demo", reciprocity=older)))
+    assert "at the MAP" in shown
+    assert "at most 3.32 (p, from 80° to −20°)." in shown
 
 
 def test_a_run_without_these_numbers_has_no_such_section() -> None:
