@@ -38,6 +38,8 @@ TITLES = {
     "uncertainty": "Statement of uncertainty",
     "provenance": "Provenance",
 }
+MOST_COLUMNS = 14
+"""Of the table of optima, which is turned where it would have more."""
 VERDICT_WORDS = {"PASS": "Pass", "WARN": "Warning", "FAIL": "Fail", "SKIP": "Not applicable"}
 SYMBOLS = {
     r"σ_N0|\bsigma_n0\b": "σ<sub>N0</sub>",
@@ -236,9 +238,11 @@ def _checks(analysis: Analysis) -> dict[str, Any]:
 
 def _optima(analysis: Analysis) -> dict[str, Any]:
     symbols, rows = tables.optima_rows(analysis.summary)
+    heads = ["No.", "log posterior", "Difference", "Starts", *symbols]
     return {
-        "symbols": symbols,
+        "heads": heads,
         "rows": rows,
+        "upright": list(zip(heads, *rows, strict=True)) if len(heads) > MOST_COLUMNS else [],
         "n_starts": count(analysis.summary["map"]["n_starts"]),
         "words": texts.optima_text(len(rows)),
     }

@@ -82,9 +82,13 @@ def _factor(found: Record, q: str, a: int, b: int) -> Factor:
     x = finite(found["factors"][q][a][b])
     if x is None or x <= 0.0:
         return _EMPTY
-    text = fixed(x, 2) if 0.1 <= x < 100.0 else number(x, digits=2)
-    ends = [number(found[level][q][a][b], digits=2) for level in ("q05", "q95") if level in found]
-    return Factor(text, "–".join(ends), background(log(x) / _FULL))
+    ends = [_ratio(found[level][q][a][b]) for level in ("q05", "q95") if level in found]
+    return Factor(_ratio(x), "–".join(ends), background(log(x) / _FULL))
+
+
+def _ratio(value: Any) -> str:
+    x = finite(value)
+    return fixed(x, 2) if x is not None and 0.1 <= x < 100.0 else number(x, digits=2)
 
 
 def reciprocity_caption(summary: Record) -> str:

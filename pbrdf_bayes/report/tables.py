@@ -300,9 +300,10 @@ def _scale(scan: Record) -> str:
 
 
 def optima_rows(summary: Record) -> tuple[list[Markup], list[tuple[str, ...]]]:
-    """Symbols, and one line per distinct optimum of the posterior density."""
+    """Symbols of what is not fixed, and one line per distinct optimum of the posterior density."""
     optima, parameters = summary["map"]["optima"], summary["parameters"]
-    names = [n for n in parameters if any(n in o["parameters"] for o in optima)]
+    free = [n for n, p in parameters.items() if p["kind"] != "fixed"]
+    names = [n for n in free if any(n in o["parameters"] for o in optima)]
     lines = [
         (
             str(rank), fixed(o["log_posterior"], 2), fixed(o["delta"], 2), count(o["n_starts"]),

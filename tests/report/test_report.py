@@ -440,3 +440,22 @@ def test_a_choice_without_statistics_says_so_in_the_table(caution: str) -> None:
     assert ("Only 2 cases: the standard errors mean little." in page) is bool(caution)
     assert caution in page
     assert render_report(replace(found, summary={**summary, "effects_choice": choice}))
+
+
+def test_a_table_of_optima_of_many_parameters_is_turned() -> None:
+    """Parameters in rows: with twelve of them in columns it would be wider than the page."""
+    found = analysis("demo")
+    more = {f"q{i}": {**found.summary["parameters"]["n"], "symbol": f"q_{i}"} for i in range(12)}
+    optima = [{**o, "parameters": {**o["parameters"], **dict.fromkeys(more, 1.5)}}
+              for o in found.summary["map"]["optima"]]  # fmt: skip
+    summary = {
+        **found.summary, "parameters": {**found.summary["parameters"], **more},
+        "map": {**found.summary["map"], "optima": optima},
+    }  # fmt: skip
+    for told, turned in ((found.summary, False), (summary, True)):
+        page = render_report(replace(found, summary=told))
+        table = page[page.index('aria-label="Optima"') :]
+        table = table[: table.index("</table>")]
+        n = len(told["parameters"])
+        assert table.count("<tr>") == (4 + n if turned else 1 + len(optima))
+        assert ("<thead>" in table) is not turned

@@ -46,7 +46,7 @@ def test_every_cell_is_from_the_smaller_angle_to_the_larger() -> None:
     assert rows[3][1][1].text == fixed(factors["s"][1][3], 2), "s below the diagonal"
     assert rows[1][1][3].text == fixed(factors["p"][1][3], 2), "p above it"
     assert rows[2][1][7].text == rows[4][1][4].text == "–"
-    assert rows[3][1][1].interval == "1.1–1.3"  # exp(0.2) less and more 10 %
+    assert rows[3][1][1].interval == "1.10–1.34"  # exp(0.2) less and more 10 %
     assert "median over 50 draws" in reciprocity_caption(summary)
 
 
