@@ -66,7 +66,7 @@ class Effects:
     dhr_offset : float
         Offset of DHR readings [1].
     scale_p : float
-        Scale of p-polarised BRDF readings [1].
+        Scale of p-polarised BRDF readings over that of s and of unpolarised ones [1].
     leakage : float
         Share of the other polarisation that the polariser lets through [1].
     offset_theta_i_deg, offset_theta_r_deg : float

@@ -348,19 +348,22 @@ def _fill_group(
 
 @compiled()
 def _fill_logs(geometry: Geometry, effects: EffectValues, f: Array, out: Array) -> None:
-    """Polariser and scale of p; logarithms of s, p and, where asked for, their mean."""
+    """Polariser and scale of p; logarithms of s, p and, where asked for, their mean.
+
+    The scale is that of scans through the polariser at p; an unpolarised scan is not made of one.
+    """
     leak, scale = effects.leakage, effects.scale_p
     f_s, f_p = f[0], f[1]
     log_s, log_p, log_u = out[0], out[1], out[2]
-    if leak > 0.0 or scale != 1.0:
+    if leak > 0.0:
         for i in range(f_s.size):
             s, p = f_s[i], f_p[i]
             f_s[i] = (1.0 - leak) * s + leak * p
-            f_p[i] = scale * ((1.0 - leak) * p + leak * s)
+            f_p[i] = (1.0 - leak) * p + leak * s
     for i in range(f_s.size):
         log_s[i] = log(max(f_s[i], _TINIEST))
     for i in range(f_s.size):
-        log_p[i] = log(max(f_p[i], _TINIEST))
+        log_p[i] = log(max(scale * f_p[i], _TINIEST))
     if geometry.unpolarised.any():
         for i in range(f_s.size):
             log_u[i] = log(max(0.5 * (f_s[i] + f_p[i]), _TINIEST))

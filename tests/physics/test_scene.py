@@ -189,6 +189,8 @@ def test_leakage_and_scale():
     found_s, found_p = (brdf(GREEN_PAINT, 50.0, GRID, q, effects=effects) for q in "sp")
     np.testing.assert_allclose(found_s, 0.98 * s + 0.02 * p, rtol=1e-8)
     np.testing.assert_allclose(found_p, 1.1 * (0.98 * p + 0.02 * s), rtol=1e-8)
+    found_u = brdf(GREEN_PAINT, 50.0, GRID, "u", effects=effects)
+    np.testing.assert_allclose(found_u, 0.5 * (s + p), rtol=1e-8)  # no polariser, no p scan
     dhr_p = dhr(GREEN_PAINT, 70.0, "p", effects=Effects(leakage=0.02, dhr_offset=0.001))
     expected = 0.98 * dhr(GREEN_PAINT, 70.0, "p") + 0.02 * dhr(GREEN_PAINT, 70.0, "s") + 0.001
     assert dhr_p == pytest.approx(expected)
