@@ -17,7 +17,7 @@ one is tried with the other, too.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -41,6 +41,7 @@ from pbrdf_bayes.inference.effects_choice import EffectsChoice, Scored
 from pbrdf_bayes.inference.holdout import draft_of
 from pbrdf_bayes.inference.holdout_cases import Case, list_cases
 from pbrdf_bayes.inference.map_fit import climb, coordinate_bounds, find_map
+from pbrdf_bayes.inference.parameters import parameter_specs
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
 from pbrdf_bayes.inference.prior_support import possible_samples
 from pbrdf_bayes.inference.residuals import calibrated_residuals
@@ -66,7 +67,7 @@ class _Tried:
     n_free: int
     rms_dex: float
     log_rms: Array
-    at_bound: Mapping[str, str]
+    at_bound: tuple[str, ...]
     microseconds: float
 
     @property
@@ -113,7 +114,12 @@ def choose_effects(
         kind: float(np.sqrt(np.mean(np.exp(2.0 * chosen.log_rms[[c.kind == kind for c in cases]]))))
         for kind in dict.fromkeys(case.kind for case in cases)
     }
-    symbols = {name: symbol for one in tried for name, symbol in one.at_bound.items()}
+    symbols = {
+        spec.name: spec.symbol
+        for one in tried
+        for spec in parameter_specs(measurement, one.config)
+        if spec.name in one.at_bound
+    }
     return chosen.config, EffectsChoice(
         tuple(scored), names, words, caution(len(names)), held_out, symbols
     )
@@ -267,7 +273,6 @@ def _try(config: RunConfig, whole: Posterior, best: Array, cases: Sequence[Case]
 
     with threadpool_limits(limits=1, user_api="blas"), ThreadPoolExecutor(config.threads) as pool:
         log_rms = np.array(list(pool.map(left_out, cases)))
-    on_bound = at_bound(whole, best)
     return _Tried(
         config=config,
         names=whole.parameter_names,
@@ -275,7 +280,7 @@ def _try(config: RunConfig, whole: Posterior, best: Array, cases: Sequence[Case]
         n_free=len(whole.of_model),
         rms_dex=calibrated_residuals(whole, best).rms,
         log_rms=log_rms,
-        at_bound={s.name: s.symbol for s in whole.specs if s.name in on_bound},
+        at_bound=at_bound(whole, best),
         microseconds=time_likelihood(whole, best),
     )
 
@@ -349,7 +354,7 @@ def _score(tried: _Tried, best: _Tried, *, chosen: bool) -> Scored:
         line_shape=tried.config.line_shape, n_free=tried.n_free, rms_dex=tried.rms_dex,
         held_out_dex=float(np.sqrt(np.mean(np.exp(2.0 * tried.log_rms)))),
         mean_held_out_dex=float(np.mean(np.exp(tried.log_rms))), score=tried.score,
-        difference=difference, u_difference=u, at_bound=tuple(tried.at_bound),
+        difference=difference, u_difference=u, at_bound=tried.at_bound,
         microseconds=tried.microseconds, chosen=chosen,
     )  # fmt: skip
 

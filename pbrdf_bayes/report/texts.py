@@ -99,7 +99,7 @@ def values_note(summary: Record) -> str:
         for p in summary["parameters"].values()
         if p["kind"] == "fixed"
     ]
-    held = f" Held fixed, not measured: {', '.join(fixed_ones)}." if fixed_ones else ""
+    held = f" Held fixed: {', '.join(fixed_ones)}." if fixed_ones else ""
     return (
         "Mean ± standard uncertainty, and the equal-tailed 95 % credible interval. Conditional on "
         f"the model, ρ_0 in particular on the {shape} line shape.{held}"

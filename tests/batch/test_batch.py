@@ -510,6 +510,16 @@ def wave_row(i: int, wavelength_um: float, n: float) -> dict[str, object]:
     return {**row_of(job), "parameters": {"n": n_record}}
 
 
+def test_a_fixed_parameter_is_called_fixed(tmp_path):
+    rows = [wave_row(i, 3.39, 1.5) for i in (1, 3)]
+    for row in rows:
+        row["parameters"]["n"] |= {"kind": "fixed", "sd": 0.0, "identified": False}
+    write_index(tmp_path, rows, n_samples=2)
+    page = (tmp_path / "index.html").read_text("utf-8")
+    assert len(re.findall(r'1\.5<span class="what">fixed', page)) == 2
+    assert "not identified" not in page
+
+
 def test_every_wavelength_has_its_own_charts_and_spread(tmp_path):
     """Dispersion of a paint is no spread between its samples. Marks bear numbers of the table."""
     at = {3.39: [1.50, 1.52, 1.49, 1.51, 1.53], 10.6: [2.20, 2.21, 2.19, 2.22, 2.18]}

@@ -91,6 +91,10 @@ def test_the_score_of_angles_is_kept_for_the_verdict(gains):
     logs = 1e-3 * np.arange(5)  # three angles, then the two polarisations
     for kind, part in (("angle", logs[:3]), ("polarization", logs[3:])):
         assert choice.held_out[kind] == pytest.approx(np.sqrt(np.mean(np.exp(2.0 * part))))
+    chosen = next(c for c in choice.candidates if c.chosen)
+    assert chosen.held_out_dex == pytest.approx(np.sqrt(np.mean(np.exp(2.0 * logs))))
+    assert chosen.mean_held_out_dex == pytest.approx(np.mean(np.exp(logs)))
+    assert choice.symbols == {"rho0": "ρ_0"}
 
 
 def test_stated_uncertainties_have_no_say_in_the_choice(monkeypatch):
@@ -142,7 +146,7 @@ def gains(monkeypatch):
             return choosing._Tried(
                 config=config, names=whole.parameter_names, optimum=best,
                 n_free=len(whole.of_model), rms_dex=0.1,
-                log_rms=-better + 1e-3 * np.arange(len(cases)), at_bound=(), microseconds=1.0,
+                log_rms=-better + 1e-3 * np.arange(len(cases)), at_bound=("rho0",), microseconds=1.0,
             )  # fmt: skip
 
         monkeypatch.setattr(choosing, "_try", scored)

@@ -391,7 +391,7 @@ def test_a_fixed_parameter_is_called_fixed_and_is_in_no_figure_of_the_sampling()
     assert cells[:4] == [["1.5"], ["–"], ["fixed"], ["–"]]
     assert "not identified" not in page
     assert "assumed, not measured" in page
-    assert "Held fixed, not measured: n = 1.5." in page
+    assert "Held fixed: n = 1.5." in page
     labels = re.findall(r'aria-label="((?:Trace and ranks|Posterior) of [^"]*)"', page)
     assert labels
     assert not any(re.search(r"\bn\b(?! ens)", label) for label in labels)

@@ -301,6 +301,21 @@ def test_dhr_alone(measurement: pb.Measurement) -> None:
     pb.render_report(found)
 
 
+def test_a_fixed_parameter_is_assumed_and_not_identified(measurement: pb.Measurement) -> None:
+    config = replace(DRAFT, priors={"n": {"kind": "fixed", "value": 1.526}}, holdout=False)
+    summary = pb.fit(measurement, config, seed=1).summary
+    n = summary["parameters"]["n"]
+    assert (n["kind"], n["identified"], n["sd"]) == ("fixed", False, 0.0)
+    assert np.isnan(n["contraction"])
+    assert summary["parameters"]["k"]["identified"]
+    found = summary["applicability"]
+    assert found["verdict"] == "applies"
+    assert found["caveats"] == (
+        'Not tested: prediction of angles left out; fit with holdout = "all" or a higher accuracy.',
+        "n = 1.526 was assumed, not measured.",
+    )
+
+
 def test_one_unpolarised_scan_alone() -> None:
     """Priors of n and k that a laboratory might bring; the data add nothing to them."""
     m = pb.simulate_measurement(
