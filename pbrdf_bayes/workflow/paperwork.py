@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -58,12 +61,27 @@ class Paperwork:
         """The summary of a run changes by it."""
         return self.specification is not None or self.document is not None
 
+    def is_in(self, summary: Mapping[str, Any]) -> bool:
+        """A run has all of it already: judged by the same limits, and filled in the same."""
+        if self.specification is not None:
+            judged = (summary.get("conformity") or {}).get("specification_sha256")
+            if judged != _digest(self.specification):
+                return False
+        return self.document is None or summary.get("document") == fill_in(self.document, summary)
+
+
+def _digest(specification: Specification) -> str:
+    text = json.dumps(asdict(replace(specification, source="")), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
 
 def complete(analysis: Analysis, wanted: Paperwork) -> Analysis:
     """The analysis with verdicts and items in its summary."""
     added: dict[str, Any] = {}
     if wanted.specification is not None:
-        added["conformity"] = assess_conformity(analysis, wanted.specification)
+        found = assess_conformity(analysis, wanted.specification)
+        digest = _digest(wanted.specification)
+        added["conformity"] = {**found, "specification_sha256": digest}
     if wanted.document is not None:
         added["document"] = fill_in(wanted.document, analysis.summary)
     return replace(analysis, summary={**analysis.summary, **added}) if added else analysis
