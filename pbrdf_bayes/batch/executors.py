@@ -9,18 +9,23 @@ import asyncio
 import logging
 import multiprocessing
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Executor, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from pbrdf_bayes.batch.outcome import Row
+from pbrdf_bayes.batch.shared_folder import sees_mark
 from pbrdf_bayes.batch.work import ONE_THREAD, Task, prepare_worker, run_task
 from pbrdf_bayes.errors import ConfigError
 
 CONNECT_SECONDS = 10.0
 CLOSE_SECONDS = 5.0
+FIRST_WORKER_SECONDS = 30.0
+"""A scheduler without workers is given that long to get one."""
+_ANSWER_SECONDS = 2.0
 
 
 @dataclass(frozen=True)
@@ -39,6 +44,10 @@ class Crew:
         What is handed to the executor.
     lost : tuple of exception types
         What says that all workers are gone for good, and with them what was handed over.
+    blind : callable
+        Workers that do not see the folder of the batch, given with what the client left in it.
+    count : callable or None
+        Workers there are just now, where that may change.
     """
 
     start: Callable[[int], Executor]
@@ -46,6 +55,8 @@ class Crew:
     stop: Callable[[Executor], None]
     work: Callable[[Task], Row] = run_task
     lost: tuple[type[BaseException], ...] = ()
+    blind: Callable[[Path, str], Sequence[str]] = lambda *_: ()
+    count: Callable[[], int] | None = None
 
 
 @contextmanager
@@ -82,8 +93,8 @@ def cluster_crew(address: str) -> Iterator[Crew]:
     Raises
     ------
     ConfigError
-        `distributed` is not installed, the scheduler cannot be reached, or it has no worker with
-        one thread.
+        `distributed` is not installed, the scheduler cannot be reached, it has no worker within
+        `FIRST_WORKER_SECONDS`, or one with several threads.
     """
     try:
         from distributed import Client
@@ -108,9 +119,13 @@ def cluster_crew(address: str) -> Iterator[Crew]:
     level = log.level
     log.setLevel(logging.CRITICAL)  # that the scheduler is lost is said once, and in plain words
     try:
+        with suppress(TimeoutError):
+            client.wait_for_workers(1, timeout=FIRST_WORKER_SECONDS)
         threads = client.nthreads()
         if not threads or any(n != 1 for n in threads.values()):
-            found = "no worker" if not threads else f"threads {sorted(threads.values())}"
+            found = f"threads {sorted(threads.values())}"
+            if not threads:
+                found = f"no worker, and none came in {FIRST_WORKER_SECONDS:g} s"
             msg = (
                 f"--scheduler {address}: workers with one thread each are needed, it has {found}. "
                 f"Start them with: dask worker {address} --nworkers N --nthreads 1"
@@ -122,10 +137,36 @@ def cluster_crew(address: str) -> Iterator[Crew]:
             _stop_quietly(lambda executor: executor.shutdown(wait=False)),
             run_on_cluster,
             (CancelledError, asyncio.CancelledError, ClosedClientError, CommClosedError),
+            lambda out, mark: _blind_workers(client, out, mark),
+            _counter(client, len(threads)),
         )
     finally:
         _stop_quietly(lambda one: one.close(timeout=CLOSE_SECONDS))(client)
         log.setLevel(level)
+
+
+def _blind_workers(client: Any, out: Path, mark: str) -> list[str]:
+    """Addresses of the workers that do not see the folder of the batch."""
+    try:
+        found = client.run(sees_mark, out, mark)
+    except (ImportError, AttributeError) as error:
+        msg = f"the workers do not run this version of pbrdf_bayes ({error}). Install it there too"
+        raise ConfigError(msg) from None
+    return sorted(address for address, sees in found.items() if not sees)
+
+
+def _counter(client: Any, at_first: int) -> Callable[[], int]:
+    """Number of workers; what it was before where the scheduler does not answer at once."""
+    known = at_first
+
+    def count() -> int:
+        nonlocal known
+        if client.status == "running":
+            with suppress(Exception):
+                known = len(client.sync(client.scheduler.ncores, callback_timeout=_ANSWER_SECONDS))
+        return known
+
+    return count
 
 
 def _stop_quietly(stop: Callable[[Any], None]) -> Callable[[Any], None]:

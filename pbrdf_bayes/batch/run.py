@@ -18,6 +18,7 @@ from pbrdf_bayes.batch.index import INDEX_FILES, write_index
 from pbrdf_bayes.batch.outcome import FAILED, Row, failed_row, open_row, repeat_row
 from pbrdf_bayes.batch.plan import Job, plan_batch
 from pbrdf_bayes.batch.progress import Progress, estimate_left
+from pbrdf_bayes.batch.shared_folder import SHARE, leave_mark, remove_mark, sees_run
 from pbrdf_bayes.batch.work import Task, finished_before
 from pbrdf_bayes.compile_ahead import compile_ahead, likelihood_to_compile
 from pbrdf_bayes.config import AUTO, RunConfig
@@ -93,8 +94,8 @@ def fit_batch(
     resume : bool
         Go on with ``out``: samples finished with the same readings, configuration, seed and version
         are skipped, interrupted ones go on from their checkpoints, wherever their files are now.
-        Limits and document are not
-        among these: with them, samples that are finished are judged anew and not fitted again.
+        Limits and document are not among these: where they are others than before, samples that
+        are finished are judged anew and not fitted again.
     limits : Specification, optional
         What every sample is judged against, see `read_limits`.
     document : Document, optional
@@ -171,6 +172,7 @@ class _Batch:
     n_computed: int = 0
     n_workers: int = 1
     lost: str = ""
+    mark: str = ""
 
     def run(self, crew: Crew, *, resume: bool) -> None:
         waiting: deque[int] = deque()
@@ -184,9 +186,11 @@ class _Batch:
         self.n_workers = crew.n_workers
         try:
             self._write()
+            self.mark = leave_mark(self.out)
             for row in [r for r in self.rows.values() if r["error"]]:
                 self._tell(row)
             if waiting:
+                self._refuse_blind(crew)
                 self._compile(waiting)
                 self._tell()
                 self._work_off(crew, waiting)
@@ -194,15 +198,21 @@ class _Batch:
             self.lost = str(error)
             raise
         finally:
+            remove_mark(self.out)
             self._write(whole=True)
+
+    def _refuse_blind(self, crew: Crew) -> None:
+        """What workers elsewhere write would be lost; one that joins later is asked by its task."""
+        if blind := crew.blind(self.out, self.mark):
+            msg = f"{len(blind)} of the workers do not see {self.out} ({', '.join(blind[:3])}). "
+            raise ConfigError(msg + SHARE)
 
     def _known(self, job: Job, *, resume: bool) -> Row | None:
         if job.measurement is None:
             return failed_row(job, job.error)
         if job.repeat_of is not None:
             return repeat_row(job)
-        judged_anew = self.paperwork.amends
-        return finished_before(self.out, job) if resume and not judged_anew else None
+        return finished_before(self.out, job, self.paperwork) if resume else None
 
     def _compile(self, waiting: Sequence[int]) -> None:
         """Have the kernels of the first sample compiled, so that the workers only load them."""
@@ -221,23 +231,25 @@ class _Batch:
         """
         self.began = time.monotonic()
         while waiting:
-            for i in self._compute(crew, waiting, crew.n_workers):
-                if self._compute(crew, deque([i]), 1):
+            for i in self._compute(crew, waiting):
+                if self._compute(crew, deque([i]), alone=True):
                     self._take(i, failed_row(self.jobs[i], _LOST))
 
-    def _compute(self, crew: Crew, waiting: deque[int], n_workers: int) -> list[int]:
+    def _compute(self, crew: Crew, waiting: deque[int], *, alone: bool = False) -> list[int]:
         """Work off what waits; the samples that were in hand when a process died, if one did."""
-        executor = crew.start(n_workers)
-        self.n_workers = n_workers
+        self.n_workers = 1 if alone else crew.n_workers
+        executor = crew.start(self.n_workers)
         broken: list[int] = []
         try:
             while (waiting or self.running) and not broken:
-                while waiting and len(self.running) <= n_workers:
+                if crew.count is not None and not alone:
+                    self.n_workers = max(crew.count(), 1)
+                while waiting and len(self.running) <= self.n_workers:
                     self._submit(executor, crew, waiting)
                 for future in self._completed():
                     i = self.running.pop(future)
                     try:
-                        self._take(i, future.result())
+                        self._take(i, self._seen(i, future.result()))
                     except BrokenExecutor:
                         broken.append(i)
                     except crew.lost:
@@ -259,19 +271,25 @@ class _Batch:
 
     def _submit(self, executor: Executor, crew: Crew, waiting: deque[int]) -> None:
         i = waiting[0]
-        task = Task(self.jobs[i], self.out, self.config, self.seed, self.paperwork)
+        task = Task(self.jobs[i], self.out, self.config, self.seed, self.mark, self.paperwork)
         self.running[executor.submit(crew.work, task)] = i
         waiting.popleft()
 
     def _completed(self) -> Iterator[Future[Row]]:
-        done: set[Future[Row]] = set()
-        while not done:
-            if self.interrupted is not None and self.interrupted():
-                raise KeyboardInterrupt
-            done, _ = wait(self.running, timeout=_LOOK_EVERY, return_when=FIRST_COMPLETED)
-            if not done:
-                self._tell()
+        """What is done within half a second, perhaps nothing."""
+        if self.interrupted is not None and self.interrupted():
+            raise KeyboardInterrupt
+        done, _ = wait(self.running, timeout=_LOOK_EVERY, return_when=FIRST_COMPLETED)
+        if not done:
+            self._tell()
         yield from done
+
+    def _seen(self, i: int, row: Row) -> Row:
+        """The row; a failed one where the run that it speaks of is not to be seen from here."""
+        if row["run"] is None or sees_run(self.out, row["run"]):
+            return row
+        error = _NOT_SEEN.format(self.out / row["run"])
+        return failed_row(self.jobs[i], error, seconds=row["seconds"])
 
     def _take(self, i: int, row: Row) -> None:
         self.rows[i] = row
@@ -312,6 +330,7 @@ _LOST = (
     "the process that fitted this sample died twice, the second time with nothing else to do: out "
     "of memory, or killed. Fit this sample alone to see where it happens"
 )
+_NOT_SEEN = "its worker has fitted this sample, but {} is not to be seen from here. " + SHARE
 _NO_SCHEDULER = (
     "the scheduler was lost with {} of {} samples done: it ended, or cannot be reached any more. "
     "Nothing of what was done is lost. Start scheduler and workers again, and go on with --resume "

@@ -7,12 +7,15 @@ import os
 import signal
 import threading
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from pbrdf_bayes.batch.at_work import forget, stage_writer
 from pbrdf_bayes.batch.outcome import DONE, SKIPPED, Row, failed_row, finished_row
 from pbrdf_bayes.batch.plan import Job
+from pbrdf_bayes.batch.shared_folder import blind_to, sees_mark
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.errors import PbrdfError, RunFolderError
 from pbrdf_bayes.io.checkpoint import has_checkpoints, remove_checkpoints_of_other_files
@@ -32,12 +35,16 @@ ONE_THREAD = dict.fromkeys(
 
 @dataclass(frozen=True)
 class Task:
-    """A job with all that its worker needs; it pickles in about 20 bytes a reading and column."""
+    """A job with all that its worker needs; it pickles in about 20 bytes a reading and column.
+
+    ``mark`` is what the client has left in ``out``.
+    """
 
     job: Job
     out: Path
     config: RunConfig
     seed: int
+    mark: str
     paperwork: Paperwork = field(default_factory=Paperwork)
 
 
@@ -65,6 +72,8 @@ def run_task(task: Task) -> Row:
     job, m, wanted = task.job, task.job.measurement, task.paperwork
     assert m is not None
     status = DONE
+    if not sees_mark(task.out, task.mark):
+        return failed_row(job, blind_to(task.out), seconds=time.perf_counter() - started)
     told = stage_writer(task.out, job.folder)
     told("start")
     try:
@@ -81,9 +90,9 @@ def run_task(task: Task) -> Row:
             told("judge")
             amend_folder(folder, wanted, brief=True)
             status = SKIPPED
-        row = finished_row(
-            job, load_summary(folder), status=status, seconds=time.perf_counter() - started
-        )
+        summary = load_summary(folder)
+        seconds = time.perf_counter() - started if status == DONE else _of_the_fit(summary)
+        row = finished_row(job, summary, status=status, seconds=seconds)
     except PbrdfError as error:
         return failed_row(job, str(error), seconds=time.perf_counter() - started)
     except (ArithmeticError, ValueError, RuntimeError, OSError, MemoryError) as error:
@@ -94,15 +103,23 @@ def run_task(task: Task) -> Row:
     return row
 
 
-def finished_before(out: Path, job: Job) -> Row | None:
-    """Row of a sample that an earlier batch has finished; None where it has not."""
+def finished_before(out: Path, job: Job, wanted: Paperwork) -> Row | None:
+    """Row of a sample that an earlier batch has finished and judged; None where it has not."""
     try:
         folder = own_folder(out, job.folder)
         if not _is_done(folder):
             return None
-        return finished_row(job, load_summary(folder), status=SKIPPED, seconds=0.0)
+        summary = load_summary(folder)
+        if not wanted.is_in(summary):
+            return None
+        return finished_row(job, summary, status=SKIPPED, seconds=_of_the_fit(summary))
     except RunFolderError as error:
         return failed_row(job, str(error))
+
+
+def _of_the_fit(summary: Mapping[str, Any]) -> float:
+    """What the fit has taken when it was done [s]."""
+    return float(sum(seconds or 0.0 for seconds in summary["timings"].values()))
 
 
 def _is_done(folder: Path) -> bool:

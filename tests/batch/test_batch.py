@@ -12,17 +12,22 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
+from threading import Timer
+from typing import ClassVar
 
 import numpy as np
 import psutil
 import pytest
 
 import pbrdf_bayes as pb
+from pbrdf_bayes.batch import executors, shared_folder
 from pbrdf_bayes.batch import run as batch_run
 from pbrdf_bayes.batch.at_work import AtWork, forget, look, stage_writer
 from pbrdf_bayes.batch.executors import Crew
@@ -31,7 +36,9 @@ from pbrdf_bayes.batch.outcome import failed_row, finished_row
 from pbrdf_bayes.batch.plan import Job, plan_batch
 from pbrdf_bayes.batch.progress import Progress
 from pbrdf_bayes.batch.terminal import teller
+from pbrdf_bayes.batch.work import Task, run_task
 from pbrdf_bayes.cli import main
+from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.io.checkpoint import write_checkpoint
 
 COMMAND = [sys.executable, "-m", "pbrdf_bayes", "batch"]
@@ -220,6 +227,46 @@ def test_every_sample_is_judged(finished, tmp_path, quick, capsys, signals_as_be
     assert not (tmp_path / "none").exists()
 
 
+def test_what_is_judged_by_the_same_limits_is_not_judged_again(
+    finished, tmp_path, quick, monkeypatch, signals_as_before
+):
+    """Nor is its time forgotten; what one run alone was judged by since then does not count."""
+    out = Path(shutil.copytree(finished / "out", tmp_path / "out"))
+    limits = tmp_path / "moved.toml"
+    shutil.copy(finished / "limits.toml", limits)
+    before = index_of(out)["samples"]
+    handed: list[str] = []
+
+    class Recording(Immediate):
+        def submit(self, fn, task):
+            handed.append(task.job.sample)
+            future: Future = Future()
+            future.set_result(run_task(task))
+            return future
+
+    crew = batch_crew(Crew(lambda _: Recording(), 1, lambda _: None))
+    monkeypatch.setattr(batch_run, "_crew", lambda *_: crew)
+    options = [str(finished / "good.csv"), "--out", str(out), *quick, "--resume", "--quiet"]
+    papers = ["--limits", str(limits), "--document", str(finished / "document.toml")]
+    assert main(["batch", *options, *papers]) == 0
+    assert handed == []
+    for row, was in zip(index_of(out)["samples"], before, strict=False):
+        if was["status"] == "done":
+            assert row["conformity"] == was["conformity"]
+            assert row["seconds"] == pytest.approx(was["seconds"], rel=0.3)
+    other = tmp_path / "other.toml"
+    other.write_text(f"{LIMITS}upper = 0.1\n")
+    assert main(["conform", str(out / before[0]["run"]), "--limits", str(other), "--save"]) == 0
+    assert main(["batch", *options, *papers]) == 0
+    assert handed == [before[0]["sample"]]
+    (again,) = (row for row in index_of(out)["samples"] if row["run"] == before[0]["run"])
+    assert again["conformity"] == before[0]["conformity"]
+    assert again["seconds"] > 0.5
+    other.write_text('laboratory = "Another"\n')
+    assert main(["batch", *options, *papers[:3], str(other)]) == 0
+    assert handed[1:] == FITTED
+
+
 def test_a_link_out_of_the_folder_is_refused(tmp_path, quick, capsys, signals_as_before):
     file = write_samples(tmp_path / "one.csv", ["one"])
     out, outside = tmp_path / "out", tmp_path / "outside"
@@ -332,7 +379,7 @@ class Deadly(Executor):
         elif len(self.pending) == 2 or task.job.sample == "z":
             for waiting, one in self.pending:
                 self.log.append(one.job.sample)
-                waiting.set_result(row_of(one.job))
+                waiting.set_result(fitted(one))
             self.pending.clear()
         return future
 
@@ -343,6 +390,14 @@ def row_of(job):
         "fit": {"rms_dex_best": {"overall": 0.01}},
     }  # fmt: skip
     return finished_row(job, summary, status="done", seconds=0.1)
+
+
+def fitted(task):
+    """What a worker leaves and says."""
+    folder = task.out / task.job.folder
+    folder.mkdir()
+    (folder / "summary.json").write_text("{}")
+    return row_of(task.job)
 
 
 def test_a_sample_that_kills_its_process_twice_is_listed(tmp_path, monkeypatch):
@@ -356,7 +411,7 @@ def test_a_sample_that_kills_its_process_twice_is_listed(tmp_path, monkeypatch):
             future = super().submit(fn, task)
             for waiting, one in self.pending:
                 log.append(one.job.sample)
-                waiting.set_result(row_of(one.job))
+                waiting.set_result(fitted(one))
             self.pending.clear()
             return future
 
@@ -459,7 +514,7 @@ class Immediate(Executor):
     def submit(self, fn, task):  # type: ignore[override]
         self.asked.append(task.job.sample)
         future: Future = Future()
-        future.set_result({**row_of(task.job), **self.found})
+        future.set_result({**fitted(task), **self.found})
         return future
 
 
@@ -487,6 +542,96 @@ def test_the_same_readings_are_fitted_and_counted_once(
     quietly = ["--quiet", "--out", str(tmp_path / "again")]
     assert main(["batch", *files, *quietly]) == 0
     assert capsys.readouterr().err.count("warning: No. ") == 3
+
+
+class Elsewhere(Immediate):
+    """Its workers have a disk of their own, under the same path."""
+
+    def __init__(self, home: Path, work: Callable[[Task], dict]) -> None:
+        super().__init__()
+        self.home, self.work = home, work
+
+    def submit(self, fn, task):  # type: ignore[override]
+        self.asked.append(task.job.sample)
+        future: Future = Future()
+        future.set_result(self.work(replace(task, out=self.home)))
+        return future
+
+
+@pytest.mark.parametrize(
+    ("work", "said"),
+    [(run_task, "does not see the folder of this batch"), (fitted, "is not to be seen from here")],
+)
+def test_what_a_worker_writes_elsewhere_is_not_done(
+    tmp_path, monkeypatch, signals_as_before, work, said
+):
+    """Whether it is told before it fits, or only seen after that."""
+    monkeypatch.setattr(shared_folder, "SEEN_WITHIN", 0.3)
+    file = write_samples(tmp_path / "a.csv", ["one", "two"])
+    home, out = tmp_path / "home", tmp_path / "out"
+    home.mkdir()
+    crew = batch_crew(Crew(lambda _: Elsewhere(home, work), 1, lambda _: None))
+    monkeypatch.setattr(batch_run, "_crew", lambda *_: crew)
+    assert main(["batch", str(file), "--out", str(out), "--quiet"]) == 0
+    rows = index_of(out)["samples"]
+    assert [row["status"] for row in rows] == ["failed", "failed"]
+    assert all(said in row["error"] and "must share it" in row["error"] for row in rows)
+    assert (list(home.iterdir()) == []) == (work is run_task)
+    assert not (out / ".batch").exists()
+
+
+def test_workers_that_do_not_see_the_folder_start_nothing(
+    tmp_path, monkeypatch, capsys, signals_as_before
+):
+    file, out = write_samples(tmp_path / "a.csv", ["one"]), tmp_path / "out"
+    pool = Immediate()
+
+    def blind(folder: Path, mark: str) -> list[str]:
+        assert (folder, (folder / ".batch").read_text()) == (out, mark)
+        return ["tcp://b:1"]
+
+    crew = batch_crew(Crew(lambda _: pool, 2, lambda _: None, blind=blind))
+    monkeypatch.setattr(batch_run, "_crew", lambda *_: crew)
+    assert main(["batch", str(file), "--out", str(out), "--quiet"]) == 2
+    assert "1 of the workers do not see" in capsys.readouterr().err
+    assert pool.asked == []
+
+
+def test_a_file_that_shows_late_is_waited_for(tmp_path):
+    mark = shared_folder.leave_mark(tmp_path)
+    assert shared_folder.sees_mark(tmp_path, mark)
+    Timer(
+        0.4, lambda: fitted(Task(Job("a", "a.csv", folder="late"), tmp_path, None, 1, ""))
+    ).start()
+    assert shared_folder.sees_run(tmp_path, "late")
+
+
+def test_workers_that_come_later_are_used(tmp_path, monkeypatch, signals_as_before):
+    """One at first and three after that: so many wait in hand, and one more at first."""
+    file = write_samples(tmp_path / "a.csv", [f"lot {i}" for i in range(8)])
+    in_hand: list[int] = []
+
+    class Growing(Executor):
+        pending: ClassVar[deque[tuple[Future, Task]]] = deque()
+
+        def submit(self, fn, task):  # type: ignore[override]
+            self.pending.append((Future(), task))
+            return self.pending[-1][0]
+
+    def count() -> int:
+        in_hand.append(len(Growing.pending))
+        if Growing.pending:
+            future, task = Growing.pending.popleft()
+            future.set_result(fitted(task))
+        return 1 if len(in_hand) < 4 else 3
+
+    crew = batch_crew(Crew(lambda _: Growing(), 1, lambda _: None, count=count))
+    monkeypatch.setattr(batch_run, "_crew", lambda *_: crew)
+    out = tmp_path / "out"
+    assert main(["batch", str(file), "--out", str(out), "--quiet"]) == 0
+    assert max(in_hand[:4]) == 2
+    assert max(in_hand) == 3
+    assert set(statuses(out).values()) == {"done"}
 
 
 @pytest.mark.parametrize("decided", ["REJECT", "UNDECIDED", "ACCEPT"])
@@ -678,17 +823,31 @@ def test_a_scheduler_that_is_not_there_is_one_error(
     assert "pip install 'pbrdf-bayes[cluster]'" in capsys.readouterr().err
 
 
+QUIET = {
+    "env": {**os.environ, "OMP_NUM_THREADS": "1"}, "stderr": subprocess.DEVNULL,
+    "stdout": subprocess.DEVNULL,
+}  # fmt: skip
+
+
+def start_worker(tmp_path: Path, address: str, name: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [str(Path(sys.executable).parent / "dask"), "worker", address, "--nthreads", "1",
+         "--no-nanny", "--no-dashboard", "--name", name, "--local-directory",
+         str(tmp_path / "dask")], **QUIET,
+    )  # fmt: skip
+
+
 @contextmanager
-def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+def cluster(
+    tmp_path: Path, workers: tuple[str, ...] = ("first", "second")
+) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
     """Address of a scheduler with two workers; the three processes."""
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     bin_folder = Path(sys.executable).parent
     info = tmp_path / "scheduler.json"
-    quiet = {"env": environment, "stderr": subprocess.DEVNULL, "stdout": subprocess.DEVNULL}
     processes = [
         subprocess.Popen(
             [str(bin_folder / "dask"), "scheduler", "--port", "0", "--no-dashboard",
-             "--scheduler-file", str(info)], **quiet,
+             "--scheduler-file", str(info)], **QUIET,
         )
     ]  # fmt: skip
     try:
@@ -696,20 +855,41 @@ def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]
         while not info.exists() and time.monotonic() < deadline:
             time.sleep(0.1)
         address = json.loads(info.read_text())["address"]
-        processes += [
-            subprocess.Popen(
-                [str(bin_folder / "dask"), "worker", address, "--nthreads", "1", "--no-nanny",
-                 "--no-dashboard", "--name", name, "--local-directory", str(tmp_path / "dask")],
-                **quiet,
-            )
-            for name in ("first", "second")
-        ]  # fmt: skip
-        wait_for_workers(address, 2)
+        processes += [start_worker(tmp_path, address, name) for name in workers]
+        if workers:
+            wait_for_workers(address, len(workers))
         yield address, processes
     finally:
         for one in processes:
             one.kill()
             one.wait()
+
+
+def test_workers_of_a_cluster_are_asked_and_counted(tmp_path, monkeypatch):
+    """None within the time given is an error; one in time will do; one that joins later counts."""
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(executors, "FIRST_WORKER_SECONDS", 0.5)
+    with cluster(tmp_path, ()) as (address, processes):
+        with (
+            pytest.raises(ConfigError, match=r"no worker, and none came in 0\.5 s"),
+            executors.cluster_crew(address),
+        ):
+            pass
+        monkeypatch.setattr(executors, "FIRST_WORKER_SECONDS", 60.0)
+        processes.append(start_worker(tmp_path, address, "first"))
+        with executors.cluster_crew(address) as crew:
+            assert (crew.n_workers, crew.count()) == (1, 1)
+            mark = shared_folder.leave_mark(tmp_path)
+            assert list(crew.blind(tmp_path, mark)) == []
+            monkeypatch.setattr(shared_folder, "SEEN_WITHIN", 0.1)
+            (blind,) = crew.blind(tmp_path, "the mark of another folder")
+            assert blind.startswith("tcp://")
+            processes.append(start_worker(tmp_path, address, "late"))
+            wait_for_workers(address, 2)
+            assert crew.count() == 2
+            processes[0].kill()
+            processes[0].wait()
+            assert crew.count() == 2
 
 
 def test_a_cluster_loses_nothing_when_a_worker_is_killed(tmp_path, quick):
