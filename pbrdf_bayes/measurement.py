@@ -19,7 +19,9 @@ DHR_RANGE = (-0.05, 1.05)
 MOST_SCANS = 10_000
 """Scans of one sample."""
 MAX_LABEL = 200
-"""Longest name of a sample or a scan."""
+"""Longest name of a scan."""
+MAX_NAME = 1000
+"""Longest name of a sample; of a folder it makes a short name with a hash."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,9 +296,14 @@ def _group_scans(
     return tuple(scans)
 
 
-def is_label(word: str) -> bool:
+def is_label(word: str, *, longest: int = MAX_LABEL) -> bool:
     """Tell whether a name can be shown, in a message or a report, and is not too long."""
-    return word.isprintable() and len(word) <= MAX_LABEL
+    return word.isprintable() and len(word) <= longest
+
+
+def is_name(word: str) -> bool:
+    """Tell whether a sample can have that name."""
+    return word != "" and is_label(word, longest=MAX_NAME)
 
 
 def name_direction(polarization: str, theta_i_deg: float, phi_r_deg: float) -> str:

@@ -13,7 +13,7 @@ from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.errors import DataError
 from pbrdf_bayes.io.config_toml import config_table
 from pbrdf_bayes.io.run_folder import safe_name
-from pbrdf_bayes.io.tidy_csv import TidyFile, read_samples
+from pbrdf_bayes.io.tidy_csv import TidyFile, read_usable_samples
 from pbrdf_bayes.measurement import Measurement
 
 _NOT_DECISIVE = ("threads", "max_steps")
@@ -57,8 +57,9 @@ class Job:
 def plan_batch(files: Sequence[Path], config: RunConfig, *, seed: int) -> tuple[Job, ...]:
     """Every sample of every file, in the order given and, in a file, in that of its lines.
 
-    A sample whose rows are bad leaves the others of its file usable. A file that cannot be read at
-    all is one job with an error. Readings that an earlier sample has bit for bit, under whatever
+    A sample whose rows are bad leaves the others of its file usable, and so do rows that belong to
+    no sample, which are a job of their own with an error. A file that cannot be read at all is one
+    job with an error. Readings that an earlier sample has bit for bit, under whatever
     name, are no measurement of their own: such a sample is a repeat.
 
     Parameters
@@ -98,23 +99,25 @@ def _repeat(job: Job, at: int) -> str:
 
 def _jobs_of(file: Path, brdf_floor: float) -> list[Job]:
     try:
-        content = read_samples(file, brdf_floor=brdf_floor)
+        content = read_usable_samples(file, brdf_floor=brdf_floor)
     except DataError as error:
         return [Job(file.name, str(file), error=str(error))]
-    return [*_good(file, content), *_bad(file, content)]
-
-
-def _good(file: Path, content: TidyFile) -> list[Job]:
-    found = sorted(content.measurements.values(), key=_first_line)
-    return [Job(m.sample, str(file), m.wavelength_um, m) for m in found]
+    good = [
+        (_first_line(m), Job(m.sample, str(file), m.wavelength_um, m))
+        for m in content.measurements.values()
+    ]
+    bad = [(content.first_lines[name], _bad(file, content, name)) for name in content.errors]
+    return [job for _, job in sorted([*good, *bad], key=lambda pair: pair[0])]
 
 
 def _first_line(m: Measurement) -> int:
     return int(min(rows.row.min() for rows in (m.brdf, m.dhr) if len(rows)))
 
 
-def _bad(file: Path, content: TidyFile) -> list[Job]:
-    return [Job(name, str(file), error=text) for name, text in content.errors.items()]
+def _bad(file: Path, content: TidyFile, name: str) -> Job:
+    """What a sample is called that has no name: the file and the first line of such rows."""
+    called = name or f"{file.name}, line {content.first_lines[name]}"
+    return Job(called, str(file), error=content.errors[name])
 
 
 def _digest(m: Measurement) -> str:

@@ -35,12 +35,12 @@ MAX_ROW_LINES = 100
 MAX_COLUMNS = 1000
 CHUNK_ROWS, _CHUNK_CHARACTERS = 1024, 2**20
 
-_SAVE_AS_UTF8 = "Save the file as UTF-8 (in a spreadsheet: 'CSV UTF-8, comma delimited')."
+SAVE_AS_UTF8 = "Save the file as UTF-8 (in a spreadsheet: 'CSV UTF-8, comma delimited')."
 _FOREIGN = (
     (b"\x1f\x8b", "a gzip archive", "Unpack it first: gunzip FILE."),
-    (b"PK\x03\x04", "a zip archive or a spreadsheet", _SAVE_AS_UTF8),
-    (b"\xff\xfe", "text in UTF-16", _SAVE_AS_UTF8),
-    (b"\xfe\xff", "text in UTF-16", _SAVE_AS_UTF8),
+    (b"PK\x03\x04", "a zip archive or a spreadsheet", SAVE_AS_UTF8),
+    (b"\xff\xfe", "text in UTF-16", SAVE_AS_UTF8),
+    (b"\xfe\xff", "text in UTF-16", SAVE_AS_UTF8),
 )
 _NOT_PLAIN = (b"true", b"True", b"TRUE", b"false", b"False", b"FALSE")
 _SEPARATORS = {
@@ -195,7 +195,7 @@ def _refuse_other_formats(path: str | Path, data: bytes) -> None:
             refuse(path, f"this is {name}, not a CSV file. {remedy}")
     if (at := data.find(b"\0")) >= 0:
         line = data.count(b"\n", 0, at) + 1
-        refuse(path, f"line {line} has a zero byte (at byte {at}): a binary file. {_SAVE_AS_UTF8}")
+        refuse(path, f"line {line} has a zero byte (at byte {at}): a binary file. {SAVE_AS_UTF8}")
     if (n_rows := data.count(b"\n")) > MAX_ROWS:
         reason = f"the file has {n_rows} lines (allowed: up to {MAX_ROWS})."
         refuse(path, f"{reason} Split it, for example into one file for each sample.")
@@ -299,7 +299,7 @@ def _refuse_encoding(path: str | Path, data: bytes) -> None:
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         reason = f"line {line}: byte 0x{data[error.start]:02X} (at byte {error.start})"
-        refuse(path, f"{reason} is not UTF-8. {_SAVE_AS_UTF8}")
+        refuse(path, f"{reason} is not UTF-8. {SAVE_AS_UTF8}")
 
 
 def _chunks(
@@ -321,7 +321,7 @@ def _ragged(lines: Sequence[int], rows: Sequence[Sequence[str]], width: int) -> 
     kinds: dict[str, list[tuple[int, int]]] = {}
     for line, row in zip(lines, rows, strict=True):
         if len(row) != width and any(map(str.strip, row)):
-            kinds.setdefault(_why_ragged(row, width), []).append((line, len(row)))
+            kinds.setdefault(why_ragged(row, width), []).append((line, len(row)))
     for remedy, found in kinds.items():
         line, n = found[0]
         text = f"{n} cell{'s' if n > 1 else ''} where the header has {width}. {remedy}"
@@ -329,7 +329,7 @@ def _ragged(lines: Sequence[int], rows: Sequence[Sequence[str]], width: int) -> 
         yield Problem(line, "", text, kind=remedy, n=len(found), lines=first)
 
 
-def _why_ragged(cells: Sequence[str], width: int) -> str:
+def why_ragged(cells: Sequence[str], width: int) -> str:
     """What to do about a row of another length than the header, by what it looks like."""
     if any(";" in cell for cell in cells):
         return "Separate the cells by commas, not by semicolons."

@@ -73,6 +73,12 @@ class Problems:
         own[key] = own[key].joined(problem) if key in own else problem
         self.n += problem.n
 
+    def extend(self, other: Problems) -> None:
+        """Keep those of another as well."""
+        for own in other.found.values():
+            for problem in own.values():
+                self.add(problem)
+
     def listed(self, sample: str | None = None) -> tuple[Problem, ...]:
         """First `N_LISTED` kinds in the order of the file, of all samples together or of one."""
         kinds: dict[tuple[str, str], Problem] = {}

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.errors import ConfigError, DataError
 from pbrdf_bayes.io.csv_table import (
+    MAX_ROWS,
     Table,
     open_table,
     plain_columns,
@@ -22,6 +22,7 @@ from pbrdf_bayes.io.csv_table import (
     without_quotes,
 )
 from pbrdf_bayes.io.problems import Problem, Problems, compose_message, show_cell
+from pbrdf_bayes.io.set_aside import set_aside
 from pbrdf_bayes.io.tidy_choice import Key, choose_key, explain_sample
 from pbrdf_bayes.io.tidy_columns import (
     MOST_SAMPLES,
@@ -30,6 +31,7 @@ from pbrdf_bayes.io.tidy_columns import (
     check_header,
     missing_column,
 )
+from pbrdf_bayes.io.tidy_flags import Flags, count_flags, excluded_by_flag
 from pbrdf_bayes.io.tidy_notices import notice
 from pbrdf_bayes.io.tidy_rows import (
     Rows,
@@ -42,9 +44,11 @@ from pbrdf_bayes.io.tidy_rules import NumberRule, check_rows, number_rules
 from pbrdf_bayes.io.tidy_writer import write_tidy_csv
 from pbrdf_bayes.measurement import POLARIZATIONS, Measurement, measurement_from_columns
 
-_MOST_SCANS, _MOST_COUNTS = 100_000, 1_000_000
+_MOST_SCANS = 100_000
 
-__all__ = ["TidyFile", "read_measurement", "read_samples", "write_tidy_csv"]
+__all__ = [
+    "TidyFile", "read_measurement", "read_samples", "read_usable_samples", "write_tidy_csv",
+]  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +64,10 @@ class TidyFile:
     measurements : mapping of (sample, wavelength_um) to Measurement
         Samples without a problem, by name and wavelength.
     errors : mapping of str to str
-        Message for each sample that is refused or has no usable row, by name.
+        Message for each sample that is refused or has no usable row, by name; "" for rows that
+        belong to no sample.
+    first_lines : mapping of str to int
+        First line of each of these.
     problems : tuple of Problem
         First kinds of problems of the whole file, in its order.
     n_problems : int
@@ -76,6 +83,7 @@ class TidyFile:
     n_rows: int
     measurements: Mapping[Key, Measurement]
     errors: Mapping[str, str]
+    first_lines: Mapping[str, int]
     problems: tuple[Problem, ...]
     n_problems: int
     warnings: tuple[str, ...]
@@ -144,7 +152,7 @@ def read_measurement(
     ('green', 3.39, 1, 1)
     >>> folder.cleanup()
     """
-    content = _read(path, brdf_floor)
+    content = _read(path, read_bytes(path), brdf_floor)
     groups = _group(content)
     key = choose_key(_names_in_use(content), list(groups), sample, wavelength_um)
     if isinstance(key, Problem):
@@ -157,17 +165,8 @@ def read_measurement(
 def read_samples(path: str | Path, *, brdf_floor: float = 0.0) -> TidyFile:
     """Read a tidy CSV once; return the measurements of all its samples and all its problems.
 
-    A problem in the rows of one sample leaves the other samples usable.
-
-    Parameters
-    ----------
-    path : str or Path
-    brdf_floor : float, optional
-        As in `read_measurement` [sr^-1].
-
-    Returns
-    -------
-    TidyFile
+    A problem in the rows of one sample leaves the other samples usable. ``brdf_floor`` is as in
+    `read_measurement` [sr^-1].
 
     Raises
     ------
@@ -177,18 +176,53 @@ def read_samples(path: str | Path, *, brdf_floor: float = 0.0) -> TidyFile:
     ConfigError
         When ``brdf_floor`` is negative or not finite.
     """
-    content = _read(path, brdf_floor)
+    content = _read(path, read_bytes(path), brdf_floor)
     if "" in content.problems.found:
         raise DataError(_message(content))
+    return _tidy_file(content)
+
+
+def read_usable_samples(path: str | Path, *, brdf_floor: float = 0.0) -> TidyFile:
+    """`read_samples` where a row that cannot be read costs the sample that it belongs to alone.
+
+    Such are rows of another length than the header, that are no text, or that name no sample.
+    Where the sample cannot be told, the message is that of the sample "", and every other one has
+    a warning: the reading may be of it.
+
+    Raises
+    ------
+    DataError
+        As `read_samples`, where that is not the fault of single rows: the quotes are unbalanced,
+        the header is wrong.
+    """
+    try:
+        return read_samples(path, brdf_floor=brdf_floor)
+    except DataError as error:
+        data = read_bytes(path)
+        aside = set_aside(data)
+        try:
+            content = _read(path, aside.data, brdf_floor) if aside.problems.n else None
+        except DataError:
+            raise error from None
+        if content is None or "" in content.problems.found:
+            raise
+    content.problems.extend(aside.problems)
+    said = (f"not read, and may be of this sample: {p}" for p in aside.problems.listed(""))
+    sha256 = hashlib.sha256(data).hexdigest()
+    return _tidy_file(replace(content, sha256=sha256, warnings=(*content.warnings, *said)))
+
+
+def _tidy_file(content: _Content) -> TidyFile:
     errors = _refused_samples(content)
     groups = {key: rows for key, rows in _group(content).items() if key[0] not in errors}
     measurements = _build_all(content, groups, errors)
     return TidyFile(
-        source=Path(path).name,
+        source=Path(content.path).name,
         sha256=content.sha256,
         n_rows=len(content.rows),
         measurements=measurements,
         errors=errors,
+        first_lines=_first_lines(content, errors),
         problems=content.problems.listed(),
         n_problems=content.problems.n,
         warnings=content.warnings,
@@ -196,12 +230,11 @@ def read_samples(path: str | Path, *, brdf_floor: float = 0.0) -> TidyFile:
     )
 
 
-def _read(path: str | Path, brdf_floor: float) -> _Content:
+def _read(path: str | Path, data: bytes, brdf_floor: float) -> _Content:
     """Convert and check every row; refuse only what leaves no rows to speak of."""
     if not (isfinite(brdf_floor) and brdf_floor >= 0):
         msg = f"brdf_floor = {brdf_floor!r} is not allowed: give a BRDF [sr^-1] of 0 or more"
         raise ConfigError(msg)
-    data = read_bytes(path)
     problems = Problems()
     table = open_table(path, data, problems)
     warnings = check_header(table.header, problems)
@@ -279,14 +312,32 @@ def _refused_samples(content: _Content) -> dict[str, str]:
         for name in unused
     }
     lines, codes = content.rows.line[content.bad], content.rows.sample[content.bad]
-    for code, first, n in zip(
-        *np.unique(codes, return_index=True, return_counts=True), strict=True
-    ):
-        head = f"{content.path}: sample {show_cell(names[code])} was not read: {n} row"
-        head += f"{'s' if n > 1 else ''} with problems from line {lines[first]} on."
-        own = (f"  {problem}" for problem in content.problems.listed(names[code]))
-        errors[names[code]] = "\n".join([head, *own])
+    unique = np.unique(codes, return_index=True, return_counts=True)
+    found = {
+        names[code]: [(int(lines[first]), int(n))] for code, first, n in zip(*unique, strict=True)
+    }
+    for name, own in content.problems.found.items():
+        aside = [(p.line, p.n) for p in own.values() if not p.column]  # these are not among rows
+        found[name] = [*found.get(name, []), *aside]
+    for name, rows in found.items():
+        n, first = sum(n for _, n in rows), min(line for line, _ in rows)
+        what = f"sample {show_cell(name)} was" if name else "what belongs to no sample was"
+        head = f"{content.path}: {what} not read: {n} row"
+        head += f"{'s' if n > 1 else ''} with problems from line {first} on."
+        own_lines = (f"  {problem}" for problem in content.problems.listed(name))
+        errors[name] = "\n".join([head, *own_lines])
     return {name: errors[name] for name in sorted(errors)}
+
+
+def _first_lines(content: _Content, errors: Iterable[str]) -> dict[str, int]:
+    """Line on which each of these samples begins, whatever is wrong with it."""
+    codes, first = np.unique(content.rows.sample, return_index=True)
+    names = [content.words["sample"][code] for code in codes.tolist()]
+    begins = dict(zip(names, content.rows.line[first].tolist(), strict=True))
+    for name in errors:
+        lines = [p.line for p in content.problems.found.get(name, {}).values() if p.line]
+        begins[name] = min([*lines, begins.get(name, MAX_ROWS)])
+    return {name: begins[name] for name in errors}
 
 
 def _build_all(
@@ -328,7 +379,7 @@ def _build(content: _Content, key: Key, index: NDArray[np.int64], flags: Flags) 
             sample=key[0],
             wavelength_um=key[1],
             row=rows.line[index],
-            excluded=_excluded(flags, key),
+            excluded=excluded_by_flag(flags, key),
             source=Path(content.path).name,
             sha256=content.sha256,
             warnings=(*content.warnings, *notice(rows, index)),
@@ -339,36 +390,5 @@ def _build(content: _Content, key: Key, index: NDArray[np.int64], flags: Flags) 
         raise DataError(msg) from None
 
 
-Flags = Mapping[Key, Mapping[str, int]]
-"""Flagged rows by flag, by sample and wavelength; "" and 0 where they name none."""
-
-
 def _flags(content: _Content, keys: Iterable[Key]) -> Flags:
-    """Count flagged rows, once for all samples and wavelengths ``keys``."""
-    rows = content.rows
-    index = np.flatnonzero(~rows.used)
-    wavelength = np.where(rows.wavelength_um[index] > 0, rows.wavelength_um[index], 0.0)
-    kinds = np.stack([rows.sample[index], wavelength, rows.flag[index]], axis=1)
-    names, flags = content.words["sample"], content.words["flag"]
-    found: dict[tuple[str, float], dict[str, int]] = {}
-    for (code, micrometres, flag), n in zip(
-        *(part.tolist() for part in np.unique(kinds, axis=0, return_counts=True)), strict=True
-    ):
-        found.setdefault((names[int(code)], micrometres), {})[flags[int(flag)]] = n
-    if sum(len(found.get(place, ())) for key in keys for place in _places(key)) > _MOST_COUNTS:
-        reason = "flagged rows that name no sample or no wavelength have too many different flags."
-        refuse(content.path, f"{reason} They count in every sample: fill in where they belong.")
-    return found
-
-
-def _excluded(flags: Flags, key: Key) -> dict[str, int]:
-    """Flagged rows of one sample; those that name no sample or wavelength count everywhere."""
-    counts: Counter[str] = Counter()
-    for place in _places(key):
-        counts.update(flags.get(place, {}))
-    return dict(sorted(counts.items()))
-
-
-def _places(key: Key) -> tuple[Key, ...]:
-    """Where `Flags` has the rows that count for a sample and wavelength."""
-    return key, (key[0], 0.0), ("", key[1]), ("", 0.0)
+    return count_flags(content.path, content.rows, content.words, keys)

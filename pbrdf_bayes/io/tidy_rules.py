@@ -16,7 +16,7 @@ from pbrdf_bayes.config import did_you_mean, plain_spaces
 from pbrdf_bayes.io.problems import N_LINES, Problem, Problems, show_cell
 from pbrdf_bayes.io.tidy_columns import QUANTITIES, to_float
 from pbrdf_bayes.io.tidy_rows import Rows, look_up_words
-from pbrdf_bayes.measurement import DHR_RANGE, MAX_LABEL, POLARIZATIONS, is_label
+from pbrdf_bayes.measurement import DHR_RANGE, MAX_LABEL, MAX_NAME, POLARIZATIONS, is_label, is_name
 
 _EMPTY = frozenset({""})
 _EMPTY_OR_NAN = frozenset({"", "nan"})
@@ -179,10 +179,9 @@ def find_breaches(
     Cells that hold no number are counted as wrong; whether one of the ``not_stated`` words excuses
     them is for the caller to see.
     """
-    for name, empty_allowed in (("sample", False), ("scan", True)):
-        is_usable = is_label if empty_allowed else _is_name
+    for name, is_usable, longest in (("sample", is_name, MAX_NAME), ("scan", is_label, MAX_LABEL)):
         usable = look_up_words(words[name], getattr(rows, name), is_usable)
-        yield Breach(name, rows.used & (usable == 0), _explain_label)
+        yield Breach(name, rows.used & (usable == 0), _explain_label(longest))
     yield Breach("quantity", rows.used & (rows.quantity < 0), _explain_word(QUANTITIES))
     yield Breach("polarization", rows.used & (rows.polarization < 0), _explain_word(POLARIZATIONS))
     for rule in rules:
@@ -190,10 +189,6 @@ def find_breaches(
         if rule.quantity:
             wrong &= rows.quantity == QUANTITIES.index(rule.quantity)
         yield Breach(rule.column, wrong, _explain_number(rule), rule.not_stated)
-
-
-def _is_name(word: str) -> bool:
-    return word != "" and is_label(word)
 
 
 def check_rows(
@@ -260,15 +255,19 @@ def _by_kind(
             )  # fmt: skip
 
 
-def _explain_label(cell: str) -> tuple[str, str]:
+def _explain_label(longest: int) -> Callable[[str], tuple[str, str]]:
     """Say what is wrong with the name of a sample or of a scan."""
-    if not cell.strip():
-        return "", "empty. Give the name of the paint sample."
-    allowed = f"up to {MAX_LABEL} printable characters"
-    remedy = "Shorten or correct it."
-    if plain_spaces(cell).replace("\u00a0", " ").isprintable() and len(cell) <= MAX_LABEL:
-        remedy = "It has a no-break space or one of another width: type a plain one."
-    return show_cell(cell), f" is not allowed (allowed: {allowed}). {remedy}"
+
+    def explain(cell: str) -> tuple[str, str]:
+        if not cell.strip():
+            return "", "empty. Give the name of the paint sample."
+        allowed = f"up to {longest} printable characters"
+        remedy = "Shorten or correct it."
+        if plain_spaces(cell).replace("\u00a0", " ").isprintable() and len(cell) <= longest:
+            remedy = "It has a no-break space or one of another width: type a plain one."
+        return show_cell(cell), f" is not allowed (allowed: {allowed}). {remedy}"
+
+    return explain
 
 
 def _explain_word(known: Sequence[str]) -> Callable[[str], tuple[str, str]]:

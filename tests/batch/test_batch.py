@@ -450,9 +450,25 @@ def test_any_name_has_a_safe_folder_of_its_own(tmp_path):
     folders = [job.folder.lower() for job in jobs if job.measurement is not None]
     assert len(set(folders)) == len(folders) == len({*HOSTILE, *FITTED})
     assert all(re.fullmatch(r"[a-z0-9][a-z0-9._-]{0,110}", name) for name in folders)
-    long = write_samples(tmp_path / "long.csv", ["n" * 300, "bell\a", "fine"])
-    assert [bool(job.error) for job in plan_batch([long], pb.RunConfig(), seed=1)] == [
-        False, True, True,
+    names = ["n" * 300, "bell\a", "fine", "n" * 301, "n" * 1001]
+    jobs = plan_batch([write_samples(tmp_path / "long.csv", names)], pb.RunConfig(), seed=1)
+    assert [bool(job.error) for job in jobs] == [False, True, False, False, True]
+    assert [job.sample for job in jobs] == names
+    assert jobs[0].folder != jobs[3].folder
+    assert all(len(job.folder) <= 110 for job in jobs)
+
+
+def test_failed_samples_keep_their_place(tmp_path):
+    """In the order of the file, whatever is wrong with them; a row of no sample is one as well."""
+    rows = [*rows_of("one", 1), "two,3.39,brdf", *rows_of("three", 3), ",3.39,brdf,s,20,5,1",
+            "four,3.39,brdf,s,20,5,-1", *rows_of("five", 5)]  # fmt: skip
+    file = tmp_path / "lots.csv"
+    file.write_text("\n".join([HEADER, *rows]) + "\n")
+    jobs = plan_batch([file], pb.RunConfig(), seed=1)
+    line = 2 + rows.index(",3.39,brdf,s,20,5,1")
+    assert [(job.sample, bool(job.measurement)) for job in jobs] == [
+        ("one", True), ("two", False), ("three", True), (f"lots.csv, line {line}", False),
+        ("four", False), ("five", True),
     ]  # fmt: skip
 
 

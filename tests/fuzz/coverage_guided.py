@@ -45,10 +45,10 @@ def _readers(kind: str) -> tuple[Callable[[Path], Any], ...]:
     from pbrdf_bayes.io.document_toml import read_document
     from pbrdf_bayes.io.limits_toml import read_limits
     from pbrdf_bayes.io.scene_toml import read_scene
-    from pbrdf_bayes.io.tidy_csv import read_samples
+    from pbrdf_bayes.io.tidy_csv import read_usable_samples
 
     if kind == "CSV":
-        return (read_samples,)
+        return (read_usable_samples,)
     return (lambda path: read_config(path, {}), read_limits, read_scene, read_document)
 
 

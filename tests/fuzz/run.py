@@ -45,7 +45,7 @@ from pbrdf_bayes.io.config_toml import read_config
 from pbrdf_bayes.io.document_toml import read_document
 from pbrdf_bayes.io.limits_toml import read_limits
 from pbrdf_bayes.io.scene_toml import read_scene
-from pbrdf_bayes.io.tidy_csv import read_samples, write_tidy_csv
+from pbrdf_bayes.io.tidy_csv import read_usable_samples, write_tidy_csv
 from pbrdf_bayes.scene_prediction import predict_scene
 from pbrdf_bayes.scenes import Scene
 from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
@@ -61,7 +61,7 @@ _AT_ONCE = 500
 def read_csv(data: bytes, folder: Path) -> None:
     """As `check` and `batch` read it."""
     (folder / "x.csv").write_bytes(data)
-    read_samples(folder / "x.csv")
+    read_usable_samples(folder / "x.csv")
 
 
 def read_toml(data: bytes, folder: Path) -> None:

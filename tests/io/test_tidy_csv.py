@@ -14,9 +14,14 @@ from pbrdf_bayes.errors import ConfigError, DataError
 from pbrdf_bayes.io import tidy_columns, tidy_csv
 from pbrdf_bayes.io.csv_table import without_quotes
 from pbrdf_bayes.io.tidy_columns import COLUMNS, REQUIRED, guard, unguard
-from pbrdf_bayes.io.tidy_csv import read_measurement, read_samples, write_tidy_csv
+from pbrdf_bayes.io.tidy_csv import (
+    read_measurement,
+    read_samples,
+    read_usable_samples,
+    write_tidy_csv,
+)
 from pbrdf_bayes.io.tidy_rows import new_codebooks, rows_from_cells, rows_from_plain
-from pbrdf_bayes.measurement import Measurement, is_label, measurement_from_columns
+from pbrdf_bayes.measurement import MAX_NAME, Measurement, is_label, measurement_from_columns
 
 HEADER = ",".join(REQUIRED)
 ROWS = (
@@ -163,7 +168,7 @@ REMEDY = (
         (with_cell("quantity", "BRDF"), "Did you mean 'brdf'?"),
         (with_cell("quantity", "bsdf"), "Did you mean 'brdf'?"),
         (with_cell("sample", ""), "line 2, column sample: empty. Give the name"),
-        (with_cell("sample", "a\x07b"), r"'a\x07b' is not allowed (allowed: up to 200 printable"),
+        (with_cell("sample", "a\x07b"), r"'a\x07b' is not allowed (allowed: up to 1000 printable"),
         (with_cell("scan", "r" * 201), "column scan: 'rrr"),
         # other numbers
         (
@@ -452,6 +457,105 @@ def test_a_sample_with_all_rows_flagged_is_an_error_of_its_own(write):
 def test_rows_of_no_sample_refuse_the_whole_file(write, row):
     with pytest.raises(DataError, match="line 5"):
         read_samples(write(table(*ROWS, row)))
+
+
+THREE = [
+    f"{name},3.39,brdf,s,20,{t},{v}"
+    for name, v in zip("abc", (1, 2, 3), strict=True)
+    for t in (5, 6)
+]
+BROKEN_B = [
+    b"b,3.39,brdf", b"b,3,39,brdf,s,20,5,0,1", b"b;3,39;brdf;s;20;5;0,1", b"b;3.39;brdf;s;20;5;0.1",
+    b"b,3.39,brdf,s\xb0,20,5,1", b"b,3.39,brdf,s,20,5,1\0", b"b,3.39,brdf,s,20,5," + b"1" * 70_000,
+    b'"b",3.39,"brdf"',
+]  # fmt: skip
+NAMELESS = [
+    b",3.39,brdf,s,20,5,1", b" ,3.39", b"gr\xfcn,3.39,brdf,s,20,5,1", b"b\0,3.39,brdf,s,20,5,1",
+    b"\xff" * 70_000, b"b\x07,3.39",
+]  # fmt: skip
+
+
+def with_line(row: bytes, *, header: str = HEADER, end: bytes = b"\n") -> bytes:
+    """Three samples of two rows, and that one after the first row of the second."""
+    lines = [header.encode(), *(line.encode() for line in THREE)]
+    return end.join([*lines[:4], row, *lines[4:], b""])
+
+
+def readings(m: Measurement) -> tuple[object, ...]:
+    return m.sample, m.brdf.value.tolist(), m.brdf.row.tolist()
+
+
+@pytest.mark.parametrize("row", BROKEN_B)
+@pytest.mark.parametrize("end", [b"\n", b"\r\n"])
+def test_a_row_that_cannot_be_read_costs_its_sample(write, row, end):
+    """`check` and `fit` refuse the file as before; what is left is on the lines where it was."""
+    file = write(with_line(row, end=end))
+    with pytest.raises(DataError, match=r"line 5|nothing was read"):
+        read_samples(file)
+    with pytest.raises(DataError):
+        read_measurement(file, sample="a")
+    found = read_usable_samples(file)
+    assert [readings(m) for m in found.measurements.values()] == [
+        ("a", [1.0, 1.0], [2, 3]), ("c", [3.0, 3.0], [7, 8]),
+    ]  # fmt: skip
+    assert list(found.errors) == ["b"]
+    assert "line 5" in found.errors["b"]
+    assert found.first_lines["b"] == 4
+    assert found.n_problems == 1
+    assert all(m.warnings == () for m in found.measurements.values())
+
+
+@pytest.mark.parametrize("row", NAMELESS)
+def test_a_row_of_no_sample_is_told_to_all(write, row):
+    found = read_usable_samples(write(with_line(row)))
+    assert [readings(m)[:2] for m in found.measurements.values()] == [
+        ("a", [1.0, 1.0]), ("b", [2.0, 2.0]), ("c", [3.0, 3.0]),
+    ]  # fmt: skip
+    assert list(found.errors) == [""]
+    assert found.first_lines[""] == 5
+    for m in found.measurements.values():
+        assert len(m.warnings) == 1
+        assert m.warnings[0].startswith("not read, and may be of this sample: line 5")
+
+
+def test_a_shifted_cell_is_no_name(write):
+    """Where the name is not the first cell, only that of a sample of the file counts."""
+    header = "wavelength_um,sample,quantity,polarization,theta_i_deg,theta_r_deg,value"
+    rows = [f"3.39,{name},brdf,s,20,5,1" for name in "ab"]
+    assert list(
+        read_usable_samples(write(table(*rows, "3,39,a,brdf,s,20,6,1", header=header))).errors
+    ) == [""]
+    assert list(
+        read_usable_samples(write(table(*rows, "3.39,a,brdf,s", header=header))).errors
+    ) == ["a"]
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        b'"b,3.39,brdf,s,20,5,1',
+        b'"b\nb",3.39',
+        b'"b\n\xfc",3.39,brdf,s,20,5,1',
+        b'b"\nb,3',
+        b'b\0"\n',
+    ],
+)
+def test_nothing_is_usable_where_the_quotes_do_not_tell_rows_apart(write, row):
+    with pytest.raises(DataError, match="nothing was read"):
+        read_usable_samples(write(with_line(row)))
+
+
+@pytest.mark.parametrize("damage", [b"\0", b"\xff", b"," * 2000, b'"'])
+def test_a_damaged_header_leaves_nothing_usable(write, damage):
+    with pytest.raises(DataError, match="nothing was read"):
+        read_usable_samples(write(damage + with_line(b"")))
+
+
+@pytest.mark.parametrize(("n", "is_usable"), [(201, True), (MAX_NAME, True), (MAX_NAME + 1, False)])
+def test_a_sample_may_have_a_long_name(write, n, is_usable):
+    found = read_usable_samples(write(table(*ROWS, f"{'x' * n},3.39,brdf,s,20,5,1")))
+    assert (("x" * n, 3.39) in found.measurements) == is_usable
+    assert ("up to 1000 printable characters" in found.errors.get("x" * n, "")) != is_usable
 
 
 def test_repeated_geometries_are_kept(write):
@@ -869,7 +973,8 @@ def test_work_for_a_sample_does_not_grow_with_the_others(write, monkeypatch, quo
         asked += 1
         return is_label(word)
 
-    monkeypatch.setattr("pbrdf_bayes.io.tidy_rules.is_label", counted)
+    for name in ("is_label", "is_name"):
+        monkeypatch.setattr(f"pbrdf_bayes.io.tidy_rules.{name}", counted)
     n = 5000
     rows = [f'{quote}a {i}{quote},3,brdf,s,2,0,{"x" if i % 2 else 1},"scan,{i}"' for i in range(n)]
     found = read_samples(write(table(*rows, header=HEADER + ",scan")))
@@ -918,5 +1023,6 @@ def test_public_names():
         "TidyFile",
         "read_measurement",
         "read_samples",
+        "read_usable_samples",
         "write_tidy_csv",
     }
