@@ -17,6 +17,7 @@ from pbrdf_bayes.batch.outcome import FAILED, RISKS
 from pbrdf_bayes.errors import DataError
 from pbrdf_bayes.inference.between_samples import infer_spread
 from pbrdf_bayes.inference.control_chart import draw_limits
+from pbrdf_bayes.inference.trend import infer_trend
 from pbrdf_bayes.io.run_folder import finite_only, write_text
 from pbrdf_bayes.report.batch_page import render_batch
 
@@ -129,10 +130,11 @@ def compare_wavelengths(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def compare_samples(rows: Sequence[Row], wavelength_um: float) -> dict[str, Any]:
-    """Spread and control chart of each parameter over the samples with a result at a wavelength.
+    """Spread, trend and control chart of each parameter over the samples at a wavelength.
 
-    Samples whose verdict is FAIL do not count: their numbers are no constants of the material. They
-    are in the chart, where they are held against the limits of the others.
+    Samples whose verdict is FAIL do not count: their numbers are no constants of the material. Nor
+    does a parameter that the readings of a sample do not identify: its number is that of the prior.
+    Both are in the chart, where they are held against the limits of the others.
     """
     found = {}
     for name in parameter_names(rows):
@@ -146,12 +148,13 @@ def compare_samples(rows: Sequence[Row], wavelength_um: float) -> dict[str, Any]
         records = [rows[i]["parameters"][name] for i in mine]
         is_log = name in _LOGARITHMIC and all(r["q025"] > 0.0 for r in records)
         located = [_location(record, is_log) for record in records]
-        counted = [rows[i]["verdict"] != "FAIL" for i in mine]
+        why_not = [_why_not(rows[i], name) for i in mine]
+        counted = [not why for why in why_not]
         found[name] = {
             "symbol": records[0]["symbol"], "unit": records[0]["unit"], "logarithmic": is_log,
             "rows": mine, "values": [v for v, _ in located], "u": [u for _, u in located],
-            "counted": counted, "spread": _spread(located, counted),
-            "chart": _chart(located, counted),
+            "counted": counted, "why_not": why_not, "spread": _spread(located, counted),
+            "trend": _trend(located, counted), "chart": _chart(located, counted),
         }  # fmt: skip
     return found
 
@@ -159,6 +162,13 @@ def compare_samples(rows: Sequence[Row], wavelength_um: float) -> dict[str, Any]
 def _has(row: Row, name: str) -> bool:
     record = row["parameters"].get(name)
     return bool(row["status"] != FAILED and record and record["sd"] and record["sd"] > 0.0)
+
+
+def _why_not(row: Row, name: str) -> str:
+    """Why a number is no measurement of a parameter of the material; empty where it is one."""
+    if row["verdict"] == "FAIL":
+        return "verdict FAIL"
+    return "" if row["parameters"][name]["identified"] else "not identified"
 
 
 def _location(record: Row, is_log: bool) -> tuple[float, float]:
@@ -175,6 +185,12 @@ def _spread(located: Sequence[tuple[float, float]], counted: Sequence[bool]) -> 
         return asdict(infer_spread([v for v, _ in used], [u for _, u in used]))
     except DataError:
         return None
+
+
+def _trend(located: Sequence[tuple[float, float]], counted: Sequence[bool]) -> Any:
+    used = [(i, *pair) for i, (pair, use) in enumerate(zip(located, counted, strict=True)) if use]
+    found = infer_trend(*zip(*used, strict=True)) if used else None
+    return None if found is None else {**asdict(found), "seen": found.is_seen}
 
 
 def _chart(located: Sequence[tuple[float, float]], counted: Sequence[bool]) -> Any:

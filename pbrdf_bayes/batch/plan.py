@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -55,7 +56,7 @@ class Job:
 
 
 def plan_batch(files: Sequence[Path], config: RunConfig, *, seed: int) -> tuple[Job, ...]:
-    """Every sample of every file, in the order given and, in a file, in that of its lines.
+    """Every sample of every file, see `in_order`, and in a file in the order of its lines.
 
     A sample whose rows are bad leaves the others of its file usable, and so do rows that belong to
     no sample, which are a job of their own with an error. A file that cannot be read at all is one
@@ -75,7 +76,7 @@ def plan_batch(files: Sequence[Path], config: RunConfig, *, seed: int) -> tuple[
     """
     jobs: list[Job] = []
     first: dict[str, int] = {}
-    for file in files:
+    for file in in_order(files):
         for job in _jobs_of(file, config.brdf_floor):
             if job.measurement is None:
                 jobs.append(job)
@@ -88,6 +89,39 @@ def plan_batch(files: Sequence[Path], config: RunConfig, *, seed: int) -> tuple[
                 folder = _folder_name(job.measurement, readings, config, seed)
                 jobs.append(replace(job, folder=folder))
     return tuple(jobs)
+
+
+def in_order(files: Sequence[Path]) -> list[Path]:
+    """The files as they are given; where a pattern of the shell has sorted them, numbers count.
+
+    A shell sorts letter by letter, so that lot_10 comes before lot_2. Files in such an order, of
+    which nobody has chosen another, are taken by the value of the numbers in their names.
+
+    Examples
+    --------
+    >>> [str(file) for file in in_order([Path("lot_1"), Path("lot_10"), Path("lot_2")])]
+    ['lot_1', 'lot_2', 'lot_10']
+    >>> [str(file) for file in in_order([Path("lot_10"), Path("lot_2"), Path("lot_1")])]
+    ['lot_10', 'lot_2', 'lot_1']
+    """
+    names = [str(file) for file in files]
+    if any(names == sorted(names, key=collation) for collation in _COLLATIONS):
+        return sorted(files, key=_natural)
+    return list(files)
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[\W_]", "", name.casefold())
+
+
+_COLLATIONS = (str, str.casefold, _plain)
+"""By which shells sort: bytes, letters of either case alike, letters and digits alone."""
+
+
+def _natural(file: Path) -> list[str | int]:
+    """Text and numbers in turn, as they stand in the name."""
+    parts = re.split(r"([0-9]+)", str(file).casefold())
+    return [int(part[:4000]) if i % 2 else part for i, part in enumerate(parts)]
 
 
 def _repeat(job: Job, at: int) -> str:

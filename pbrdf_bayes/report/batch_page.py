@@ -112,7 +112,7 @@ def render_batch(index: Record) -> str:
         decided_words=WORDS, looks=LOOK_OF,
         n=len(rows) - sum(_is_open(row) for row in rows), n_samples=index["n_samples"],
         finished=index["finished"], version=index["version"],
-        failing=sum(row["verdict"] == "FAIL" for row in rows),
+        failing=sum(row["verdict"] == "FAIL" for row in rows), unidentified=_unidentified(groups),
         tally=_decisions(rows) if conformity else _fits(rows),
         total=seconds(sum(row["seconds"] or 0.0 for row in rows)),
     )  # fmt: skip
@@ -266,6 +266,14 @@ def _key(value: Any) -> str:
     return "" if x is None else repr(x)
 
 
+def _unidentified(groups: Sequence[Record]) -> list[tuple[Markup, int]]:
+    """Symbols of parameters that samples do not identify, and how many of these there are."""
+    found: Counter[str] = Counter()
+    for record in (r for group in groups for r in group["parameters"].values()):
+        found[record["symbol"]] += record["why_not"].count("not identified")
+    return [(symbol_markup(symbol), n) for symbol, n in found.items() if n]
+
+
 def _group(group: Record, rows: Sequence[Record], *, alone: bool) -> WavelengthSection:
     wavelength = number(group["wavelength_um"], digits=6)
     title = "" if alone else f"{wavelength} µm"
@@ -283,13 +291,29 @@ def _section(name: str, record: Record, rows: Sequence[Record], at: str) -> Para
         f"{record['symbol']} of {_samples(len(names))}{' at ' * bool(at)}{at} in order, "
         f"{len(beyond)} beyond their limits"
     )
-    note = "" if chart else "Limits need at least four samples that did not fail."
+    note = "" if chart else "Limits need at least four samples that count."
     if chart and n_counted < _PROVISIONAL_BELOW:
         note = f"Limits from {n_counted} samples, fewer than {_PROVISIONAL_BELOW}, are provisional."
+    note = f"{note} {_trend(record)}".strip()
     return ParameterSection(
         name, symbol_markup(record["symbol"]), control_chart(record, names, label=label),
         _spread(record), ", ".join(beyond), note,
     )  # fmt: skip
+
+
+def _trend(record: Record) -> str:
+    """Whether the parameter drifts, in a sentence; empty where samples are too few."""
+    t = record["trend"]
+    if t is None:
+        return ""
+    ends = [t["slope_median"], t["slope_q025"], t["slope_q975"]]
+    if record["logarithmic"]:
+        slope, low, high = (f"{100.0 * (exp(b) - 1.0):+.2g}" for b in ends)
+        text = f"{slope} % from a sample to the next (95 % interval {low} to {high} %)"
+    else:
+        r = rounded(ends[0], (ends[2] - ends[1]) / 4.0, low=ends[1], high=ends[2])
+        text = f"{r.value} from a sample to the next (95 % interval {r.low} to {r.high})"
+    return f"Trend: {text}." if t["seen"] else f"No trend is seen: {text}."
 
 
 def _spread(record: Record) -> tuple[str, ...] | None:

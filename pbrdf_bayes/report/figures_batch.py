@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from math import ceil, exp, floor, log, log10
 from typing import Any
 
+import numpy as np
 from markupsafe import Markup, escape
 
 from pbrdf_bayes.report.numbers import degrees, number
@@ -70,12 +71,7 @@ def control_chart(record: Record, names: Sequence[str], *, label: str) -> Markup
     """
     chart, is_log = record["chart"], record["logarithmic"]
     values, u = record["values"], record["u"]
-    ends = [v + side * 2.0 * w for v, w in zip(values, u, strict=True) for side in (-1.0, 1.0)]
-    if chart:
-        ends += [chart["low"], chart["high"], *chart["sample_low"], *chart["sample_high"]]
-    low, high = min(ends), max(ends)
-    margin = 0.06 * max(high - low, 1e-12)
-    low, high = low - margin, high + margin
+    low, high = chart_range(record)
     width, height = _CHART
     step = (width - _LEFT - _RIGHT) / max(len(values), 1)
 
@@ -83,24 +79,52 @@ def control_chart(record: Record, names: Sequence[str], *, label: str) -> Markup
         return _LEFT + (i + 0.5) * step
 
     def y(v: float) -> float:
-        return float(_TOP + (height - _TOP - _BOTTOM) * (high - v) / (high - low))
+        inside = min(max(v, low), high)  # what is beyond the frame ends there
+        return float(_TOP + (height - _TOP - _BOTTOM) * (high - inside) / (high - low))
 
     def shown(v: float) -> float:
         return exp(v) if is_log else v
 
     parts = [_ticks(low, high, y, shown), _samples_axis(record["rows"], x, height)]
     if chart:
-        parts.append(_limits(chart, x, y, step))
+        parts.append(_limits(chart, x, y, step, (low, high)))
     for i, (value, w, sample) in enumerate(zip(values, u, names, strict=True)):
-        counted, beyond = record["counted"][i], bool(chart and chart["beyond"][i])
-        name = f"No. {record['rows'][i] + 1}, {sample}"
+        why_not, beyond = record["why_not"][i], bool(chart and chart["beyond"][i])
+        title = f"No. {record['rows'][i] + 1}, {sample}: {number(shown(value), digits=5)}"
+        title += ", beyond its limits" if beyond else ""
+        title += f", {why_not}: not in centre and limits" if why_not else ""
+        outside = (value > high) - (value < low)
         parts.append(
-            _mark(x(i), y, value, w, counted=counted, beyond=beyond, name=name, shown=shown)
+            _mark(
+                x(i), y, value, w, outside=outside, counted=not why_not, beyond=beyond, title=title
+            )
         )
     return Markup(
         f'<svg class="plot chart" viewBox="0 0 {width:.0f} {height:.0f}" role="img"'
         f' aria-label="{escape(label)}">{"".join(parts)}</svg>'
     )
+
+
+def chart_range(record: Record) -> tuple[float, float]:
+    """Ends of the axis: those of limits and samples that count, with bars of the usual length.
+
+    A counted sample that sticks out is inside where that makes the axis no more than three times as
+    long; one that is not counted, or known far less well than the others, has no say.
+    """
+    values, u, counted = (np.asarray(record[key]) for key in ("values", "u", "counted"))
+    use = counted.astype(bool) if np.any(counted) else np.ones(len(values), dtype=bool)
+    bar = 2.0 * np.minimum(u, np.median(u[use]))
+    kept, chart = use, record["chart"]
+    ends: list[float] = []
+    if chart:
+        kept = use & ~np.array(chart["beyond"])
+        ends = [chart["low"], chart["high"]]
+    ends += [*(values - bar)[kept], *(values + bar)[kept]]
+    low, high = min(ends), max(ends)
+    near = use & (values > 2.0 * low - high) & (values < 2.0 * high - low)
+    low, high = min([low, *values[near]]), max([high, *values[near]])
+    margin = 0.06 * max(high - low, 1e-12)
+    return float(low - margin), float(high + margin)
 
 
 def _ticks(low: float, high: float, y: Any, shown: Any) -> str:
@@ -138,37 +162,40 @@ def _samples_axis(rows: Sequence[int], x: Any, height: float) -> str:
     return "".join(marks)
 
 
-def _limits(chart: Record, x: Any, y: Any, step: float) -> str:
-    """Centre, limits of the chart, and the steps of the limits of each sample."""
+def _limits(chart: Record, x: Any, y: Any, step: float, frame: tuple[float, float]) -> str:
+    """Centre, limits of the chart, and the steps of the limits of each sample inside the frame."""
     right = _CHART[0] - _RIGHT
     lines = f'<path class="centre" d="M{_LEFT} {y(chart["centre"]):.1f}H{right}"/>' + "".join(
         f'<path class="limit" d="M{_LEFT} {y(chart[end]):.1f}H{right}"/>' for end in ("low", "high")
     )
     steps = ""
     for key in ("sample_low", "sample_high"):
+        inside = [False, *(frame[0] <= v <= frame[1] for v in chart[key])]
         shape = "".join(
-            f"{'M' if i == 0 else 'L'}{x(i) - step / 2:.1f} {y(v):.1f}H{x(i) + step / 2:.1f}"
+            f"{'L' if inside[i] else 'M'}{x(i) - step / 2:.1f} {y(v):.1f}H{x(i) + step / 2:.1f}"
             for i, v in enumerate(chart[key])
+            if inside[i + 1]
         )
-        steps += f'<path class="own" d="{shape}"/>'
+        steps += f'<path class="own" d="{shape}"/>' if shape else ""
     return lines + steps
 
 
 def _mark(
-    x: float, y: Any, value: float, u: float, *, counted: bool, beyond: bool, name: str, shown: Any
-) -> str:
+    x: float, y: Any, value: float, u: float, *, outside: int, counted: bool, beyond: bool,
+    title: str,
+) -> str:  # fmt: skip
+    """Disc, diamond beyond its limits, cross where it does not count, arrow off the axis."""
     kind = "beyond" if beyond else "inside"
     kind += "" if counted else " aside"
-    title = f"{name}: {number(shown(value), digits=5)}"
-    title += ", beyond its limits" if beyond else ""
-    title += "" if counted else ", verdict FAIL: not in centre and limits"
+    kind += " off" if outside else ""
     at = y(value)
-    shape = (
-        f'<path d="M{x - 4:.1f} {at - 4:.1f}l8 8M{x + 4:.1f} {at - 4:.1f}l-8 8"/>'
-        if not counted
-        else f'<path d="M{x:.1f} {at - 5.5:.1f}l5.5 5.5l-5.5 5.5l-5.5 -5.5z"/>'
-        if beyond
-        else f'<circle cx="{x:.1f}" cy="{at:.1f}" r="3"/>'
-    )
+    if outside:
+        shape = f'<path d="M{x - 5:.1f} {at + 8 * outside:.1f}l5 {-8 * outside}l5 {8 * outside}"/>'
+    elif not counted:
+        shape = f'<path d="M{x - 4:.1f} {at - 4:.1f}l8 8M{x + 4:.1f} {at - 4:.1f}l-8 8"/>'
+    elif beyond:
+        shape = f'<path d="M{x:.1f} {at - 5.5:.1f}l5.5 5.5l-5.5 5.5l-5.5 -5.5z"/>'
+    else:
+        shape = f'<circle cx="{x:.1f}" cy="{at:.1f}" r="3"/>'
     bar = f'<path class="u" d="M{x:.1f} {y(value - 2 * u):.1f}V{y(value + 2 * u):.1f}"/>'
     return f'<g class="{kind}"><title>{escape(title)}</title>{bar}{shape}</g>'

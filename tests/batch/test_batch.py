@@ -33,7 +33,7 @@ from pbrdf_bayes.batch.at_work import AtWork, forget, look, stage_writer
 from pbrdf_bayes.batch.executors import Crew
 from pbrdf_bayes.batch.index import harmless, write_index
 from pbrdf_bayes.batch.outcome import failed_row, finished_row
-from pbrdf_bayes.batch.plan import Job, plan_batch
+from pbrdf_bayes.batch.plan import Job, in_order, plan_batch
 from pbrdf_bayes.batch.progress import Progress
 from pbrdf_bayes.batch.terminal import teller
 from pbrdf_bayes.batch.work import Task, run_task
@@ -458,6 +458,23 @@ def test_any_name_has_a_safe_folder_of_its_own(tmp_path):
     assert all(len(job.folder) <= 110 for job in jobs)
 
 
+@pytest.mark.parametrize(
+    ("given", "wanted"),
+    [
+        ("lot_1 lot_10 lot_2 lot_3", "lot_1 lot_2 lot_3 lot_10"),  # LC_ALL=C
+        ("lot_10.csv lot_1.csv lot_2.csv", "lot_1.csv lot_2.csv lot_10.csv"),  # en_US.UTF-8
+        ("A_10 a_2 B_1", "a_2 A_10 B_1"),
+        ("lot_3 lot_1 lot_2 lot_10", "lot_3 lot_1 lot_2 lot_10"),
+        ("b a", "b a"),
+        ("2026-03-02/p10 2026-03-02/p9 2026-11-01/p1", "2026-03-02/p9 2026-03-02/p10 2026-11-01/p1"),
+    ],
+)  # fmt: skip
+def test_files_that_a_shell_has_sorted_come_by_their_numbers(given, wanted):
+    assert [
+        str(file) for file in in_order([Path(name) for name in given.split()])
+    ] == wanted.split()
+
+
 def test_failed_samples_keep_their_place(tmp_path):
     """In the order of the file, whatever is wrong with them; a row of no sample is one as well."""
     rows = [*rows_of("one", 1), "two,3.39,brdf", *rows_of("three", 3), ",3.39,brdf,s,20,5,1",
@@ -715,6 +732,69 @@ def test_every_wavelength_has_its_own_charts_and_spread(tmp_path):
     index = index_of(tmp_path)
     assert index["between_samples"] == index["by_wavelength"][0]["parameters"]
     assert 'class="wavelength"' not in (tmp_path / "index.html").read_text("utf-8")
+
+
+def charted(tmp_path: Path, rows: list[dict[str, object]]) -> tuple[dict, str]:
+    """Record of n in the index, and its chart."""
+    write_index(tmp_path, rows, n_samples=len(rows))
+    page = (tmp_path / "index.html").read_text("utf-8")
+    (chart,) = re.findall(r'<svg class="plot chart".*?</svg>', page, flags=re.DOTALL)
+    return index_of(tmp_path)["between_samples"]["n"], chart
+
+
+def ticks(chart: str) -> list[float]:
+    return [float(v.replace("\u2212", "-")) for v in re.findall(r'text-anchor="end">(.*?)<', chart)]
+
+
+def test_a_number_that_is_not_identified_is_no_measurement(tmp_path):
+    """It is the prior's: shown, and told why it does not count."""
+    rows = [wave_row(i, 3.39, 1.5 + 0.01 * (i % 3)) for i in range(3, 11)]
+    alone, _ = charted(tmp_path, rows)
+    rows.insert(4, wave_row(20, 3.39, 2.4))
+    rows[4]["parameters"]["n"]["identified"] = False
+    record, chart = charted(tmp_path, rows)
+    assert record["counted"] == [i != 4 for i in range(9)]
+    assert record["why_not"][4] == "not identified"
+    assert record["spread"] == alone["spread"]
+    for key in ("centre", "low", "high"):
+        assert record["chart"][key] == alone["chart"][key]
+    assert "No. 5, lot 20: 2.4, beyond its limits, not identified: not in centre" in chart
+    assert "<i>n</i> in 1 sample." in (tmp_path / "index.html").read_text("utf-8")
+
+
+@pytest.mark.parametrize("how", ["failed", "uncertain", "outlier", "unidentified"])
+def test_one_sample_does_not_stretch_the_axis(tmp_path, how):
+    """What is further out is an arrow at the frame, and no mark or bar is outside it."""
+    rows = [wave_row(i, 3.39, 1.5 + 0.01 * (i % 3)) for i in range(3, 12)]
+    _, chart = charted(tmp_path, rows)
+    usual = ticks(chart)
+    odd = wave_row(20, 3.39, 1.5 if how == "uncertain" else 9.0)
+    record = odd["parameters"]["n"]
+    if how == "uncertain":
+        record |= {"sd": 5.0, "q025": -8.3, "q975": 11.3}
+    if how == "failed":
+        odd["verdict"] = "FAIL"
+    if how == "unidentified":
+        record["identified"] = False
+    _, chart = charted(tmp_path, [*rows[:5], odd, *rows[5:]])
+    span = np.ptp(usual)
+    assert min(usual) - 1.1 * span <= min(ticks(chart))
+    assert max(ticks(chart)) <= max(usual) + 1.1 * span
+    assert (" off" in chart) == (how != "uncertain")
+    heights = [float(v) for v in re.findall(r'class="u" d="M[0-9.]+ (-?[0-9.]+)V', chart)]
+    heights += [float(v) for v in re.findall(r'class="u" d="M[0-9.]+ -?[0-9.]+V(-?[0-9.]+)', chart)]
+    assert min(heights) >= 10.0
+    assert max(heights) <= 180.0
+
+
+@pytest.mark.parametrize(("drift", "said"), [(0.02, "Trend: 0.0"), (0.0, "No trend is seen: ")])
+def test_a_drift_is_told_below_the_chart(tmp_path, drift, said):
+    scatter = [0.0, 0.004, -0.003, 0.005, -0.006, 0.002, 0.001, -0.004, 0.003]
+    rows = [wave_row(i + 3, 3.39, 1.5 + drift * i + s) for i, s in enumerate(scatter)]
+    record, _ = charted(tmp_path, rows)
+    assert record["trend"]["seen"] == bool(drift)
+    assert record["trend"]["slope_q025"] < drift < record["trend"]["slope_q975"]
+    assert said in (tmp_path / "index.html").read_text("utf-8")
 
 
 @pytest.mark.parametrize(

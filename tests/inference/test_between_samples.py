@@ -110,13 +110,65 @@ def test_limits_of_a_steady_process_are_those_of_its_scatter():
 
 
 def test_uncertainties_do_not_count_twice():
-    """Equal ones are part of the scatter from sample to sample already: the same limits."""
+    """Equal ones are part of the scatter from sample to sample already: limits as without them."""
     x = np.random.default_rng(4).normal(0.0, 1.0, 50)
+    bare = draw_limits(x, np.zeros(50), np.ones(50, bool))
     chart = draw_limits(x, np.full(50, 0.3), np.ones(50, bool))
-    np.testing.assert_allclose(chart.sample_high, chart.high, rtol=1e-12)
+    np.testing.assert_allclose(chart.sample_high, bare.sample_high, rtol=1e-12)
     wide = draw_limits(x, np.full(50, 3.0), np.ones(50, bool))
     assert wide.sigma_between == 0.0
-    np.testing.assert_allclose(wide.sample_high - wide.centre, 9.0)
+    reach = 0.5 * (wide.sample_high - wide.sample_low)
+    assert np.all((reach > 9.0 * np.sqrt(50 / 49)) & (reach < 9.3))
+
+
+def test_limits_of_a_sample_are_made_from_the_others():
+    """Written out sample by sample, with an even number of them and one that is not counted."""
+    rng = np.random.default_rng(5)
+    x, u = rng.normal(3.0, 1.0, 13), rng.uniform(0.2, 1.0, 13)
+    counted = np.arange(13) != 4
+    chart = draw_limits(x, u, counted)
+    for i in range(13):
+        others = [j for j in range(13) if counted[j] and j != i]
+        y, v = x[others], u[others] ** 2
+        r = len(others) - 1
+        rho = (np.sqrt(3) / 2 + np.pi / 12 - 1) / (np.pi / 2 - 1)
+        nu = 0.5 / ((np.pi / 2 - 1) / r * (1 + 2 * rho * (r - 1) / r))
+        s2 = (np.mean(np.abs(y[1:] - y[:-1])) / 1.1283791670955126 * (1 - 0.25 / nu)) ** 2
+        total = max(s2 - v.mean(), 0.0) + u[i] ** 2 + max(s2, v.mean()) / len(others)
+        nu *= max(1.0, total / max(s2, 0.5 * v.mean())) ** 2
+        reach = stats.t(nu).ppf(stats.norm.cdf(3.0)) * np.sqrt(total)
+        wanted = (y.mean() - reach, y.mean() + reach)
+        assert (chart.sample_low[i], chart.sample_high[i]) == pytest.approx(wanted, rel=1e-9)
+
+
+@pytest.mark.parametrize(("n", "share"), [(6, 0.0), (6, 0.5), (10, 0.5), (20, 0.0), (20, 2.0)])
+def test_steady_samples_are_seldom_beyond(n, share):
+    """Nominally 0.27 %, here within what 3000 charts tell: scatter is known from few ranges."""
+    rng = np.random.default_rng(n)
+    rates = []
+    for _ in range(3000):
+        u = rng.uniform(0.5, 1.5, n) * share
+        x = rng.normal(0.0, 1.0, n) + rng.normal(0.0, 1.0, n) * u
+        rates.append(draw_limits(x, u, np.ones(n, bool)).beyond.mean())
+    assert np.mean(rates) <= 0.0065
+
+
+@pytest.mark.parametrize(
+    ("n", "shifts", "least"), [(8, (10.0,), 0.9), (12, (8.0,), 0.95), (20, (8.0, 8.0), 0.9), (20, (8.0, -8.0), 0.9)]
+)  # fmt: skip
+def test_samples_that_stick_out_do_not_hide_themselves(n, shifts, least):
+    """In limits that are made with them, they would, mostly: the moving range grows by them."""
+    rng = np.random.default_rng(n + len(shifts))
+    found, hidden = [], []
+    for _ in range(200):
+        x = rng.normal(0.0, 1.0, n)
+        at = rng.choice(n, len(shifts), replace=False)
+        x[at] += shifts
+        found.append(draw_limits(x, np.zeros(n), np.ones(n, bool)).beyond[at].mean())
+        sigma = np.abs(np.diff(x)).mean() / 1.128
+        hidden.append(np.mean(np.abs(x - x.mean())[at] < 3.0 * sigma))
+    assert np.mean(found) >= least
+    assert n > 8 or np.mean(hidden) > 0.5
 
 
 def test_a_sample_that_is_not_counted_is_held_against_the_others():
@@ -124,4 +176,8 @@ def test_a_sample_that_is_not_counted_is_held_against_the_others():
     chart = draw_limits(x, [0.1] * 6, [True] * 5 + [False])
     assert chart.centre == pytest.approx(1.04)
     assert chart.beyond.tolist() == [False] * 5 + [True]
+    assert chart.high < 2.0
+    alike = draw_limits(x, [0.1] * 6, [True] * 6)  # counted, it is left out all the same
+    assert (alike.centre, alike.high) == pytest.approx((chart.centre, chart.high))
+    assert alike.beyond.tolist() == [False] * 5 + [True]
     assert draw_limits(x[:3], [0.1] * 3, [True] * 3) is None
