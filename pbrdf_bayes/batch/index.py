@@ -8,6 +8,7 @@ import json
 import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from datetime import UTC, datetime
 from math import log
 from pathlib import Path
 from typing import Any
@@ -37,8 +38,9 @@ _UNSEEN = frozenset(("Zs", "Zl", "Zp", "Cc", "Cf"))
 
 
 def write_index(
-    folder: Path, rows: Sequence[Row], *, n_samples: int, finished: bool | None = None
-) -> None:
+    folder: Path, rows: Sequence[Row], *, n_samples: int, finished: bool | None = None,
+    running: bool = False,
+) -> None:  # fmt: skip
     """Write all three files, each whole or not at all.
 
     Parameters
@@ -50,6 +52,8 @@ def write_index(
         All samples of the batch.
     finished : bool, optional
         Nothing is left to be done; whether all samples have a row by default.
+    running : bool
+        The batch goes on, so that the page is loaded again.
 
     Raises
     ------
@@ -61,6 +65,8 @@ def write_index(
         "version": __version__,
         "n_samples": n_samples,
         "finished": len(rows) == n_samples if finished is None else finished,
+        "running": running,
+        "written_utc": datetime.now(UTC).isoformat(timespec="seconds"),
         "samples": list(rows),
         "between_samples": None if len(groups) > 1 else groups[0]["parameters"] if groups else {},
         "by_wavelength": groups,
@@ -150,11 +156,12 @@ def compare_samples(rows: Sequence[Row], wavelength_um: float) -> dict[str, Any]
         located = [_location(record, is_log) for record in records]
         why_not = [_why_not(rows[i], name) for i in mine]
         counted = [not why for why in why_not]
+        chart = _chart(located, counted)
         found[name] = {
             "symbol": records[0]["symbol"], "unit": records[0]["unit"], "logarithmic": is_log,
             "rows": mine, "values": [v for v, _ in located], "u": [u for _, u in located],
             "counted": counted, "why_not": why_not, "spread": _spread(located, counted),
-            "trend": _trend(located, counted), "chart": _chart(located, counted),
+            "trend": _trend(located, counted, chart), "chart": chart,
         }  # fmt: skip
     return found
 
@@ -187,8 +194,13 @@ def _spread(located: Sequence[tuple[float, float]], counted: Sequence[bool]) -> 
         return None
 
 
-def _trend(located: Sequence[tuple[float, float]], counted: Sequence[bool]) -> Any:
-    used = [(i, *pair) for i, (pair, use) in enumerate(zip(located, counted, strict=True)) if use]
+def _trend(located: Sequence[tuple[float, float]], counted: Sequence[bool], chart: Any) -> Any:
+    """Over the places, without samples beyond their limits unless these are many."""
+    places = [i for i, use in enumerate(counted) if use]
+    inside = [i for i in places if chart is None or not chart["beyond"][i]]
+    if 3 * len(inside) >= 2 * len(places):
+        places = inside
+    used = [(i, *located[i]) for i in places]
     found = infer_trend(*zip(*used, strict=True)) if used else None
     return None if found is None else {**asdict(found), "seen": found.is_seen}
 

@@ -31,6 +31,8 @@ from pbrdf_bayes.workflow.fitting import DEFAULT_SEED
 from pbrdf_bayes.workflow.paperwork import Paperwork
 
 _INDEX_EVERY = 5.0
+_INDEX_AT_LEAST_EVERY = 60.0
+"""Also where no sample is done, so that its readers see that the batch goes on."""
 _LOOK_EVERY = 0.5
 Rows = dict[int, Row]
 
@@ -282,6 +284,8 @@ class _Batch:
         done, _ = wait(self.running, timeout=_LOOK_EVERY, return_when=FIRST_COMPLETED)
         if not done:
             self._tell()
+            if time.monotonic() - self.index_written >= _INDEX_AT_LEAST_EVERY:
+                self._write()
         yield from done
 
     def _seen(self, i: int, row: Row) -> Row:
@@ -314,7 +318,7 @@ class _Batch:
         )
 
     def _write(self, *, whole: bool = False) -> None:
-        """The index, at most every five seconds while the batch runs."""
+        """The index, at most every five seconds while the batch runs, and ``whole`` at its end."""
         if whole or time.monotonic() - self.index_written >= _INDEX_EVERY:
             found = dict(self.rows)
             if self.lost:
@@ -322,7 +326,9 @@ class _Batch:
                 found |= {i: open_row(self.jobs[i], _NOT_REACHED) for i in left}
             rows: list[dict[str, Any]] = [found[i] for i in sorted(found)]
             finished = len(self.rows) == len(self.jobs)
-            write_index(self.out, rows, n_samples=len(self.jobs), finished=finished)
+            write_index(
+                self.out, rows, n_samples=len(self.jobs), finished=finished, running=not whole
+            )
             self.index_written = time.monotonic()
 
 

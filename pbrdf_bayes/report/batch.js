@@ -3,6 +3,23 @@
   const body = table.tBodies[0];
   const rows = [...body.rows];
   const heads = [...table.tHead.rows[0].cells];
+  // what was chosen is kept over a reload: by the tab, in a file as well
+  const place = `batch ${location.pathname}`;
+  const stored = (() => {
+    try {
+      return JSON.parse(sessionStorage.getItem(place)) || {};
+    } catch {
+      return {};
+    }
+  })();
+  const keep = (found) => {
+    Object.assign(stored, found);
+    try {
+      sessionStorage.setItem(place, JSON.stringify(stored));
+    } catch {
+      /* without a store nothing is kept */
+    }
+  };
   const order = { FAIL: 0, WARN: 1, PASS: 2, REJECT: 0, UNDECIDED: 1, ACCEPT: 2, "": 3 };
   const cellOf = (row, column) => {
     let at = 0;
@@ -31,6 +48,12 @@
     });
     body.append(...keyed.map(({ row }) => row));
   };
+  const sortBy = (column, down) => {
+    heads.forEach((other) => other.dataset.sort && other.setAttribute("aria-sort", "none"));
+    heads[column].setAttribute("aria-sort", down ? "descending" : "ascending");
+    sort(column, heads[column].dataset.sort, down);
+    keep({ column, down });
+  };
   heads.forEach((head, column) => {
     const kind = head.dataset.sort;
     if (!kind) return;
@@ -39,12 +62,8 @@
     button.append(...head.firstElementChild.childNodes);
     head.replaceChildren(button);
     head.setAttribute("aria-sort", column === 0 ? "ascending" : "none");
-    button.addEventListener("click", () => {
-      const down = head.getAttribute("aria-sort") === "ascending";
-      heads.forEach((other) => other.dataset.sort && other.setAttribute("aria-sort", "none"));
-      head.setAttribute("aria-sort", down ? "descending" : "ascending");
-      sort(column, kind, down);
-    });
+    button.id = `by-${column}`;
+    button.addEventListener("click", () => sortBy(column, head.getAttribute("aria-sort") === "ascending"));
   });
   const form = document.querySelector("form.tools");
   const [words, verdict, conformity, shown] = ["words", "verdict", "conformity", "shown"].map((id) => document.getElementById(id));
@@ -63,8 +82,29 @@
     }
     shown.textContent = `${count} of ${rows.length} shown`;
   };
+  const fields = [words, verdict, conformity].filter(Boolean);
+  for (const field of fields) field.value = (stored.fields || {})[field.id] ?? field.value;
+  if (stored.column !== undefined && heads[stored.column]?.dataset.sort) sortBy(stored.column, stored.down);
   form.hidden = false;
   form.addEventListener("input", filter);
   form.addEventListener("submit", (event) => event.preventDefault());
   filter();
+  const region = table.parentElement;
+  region.scrollLeft = stored.left || 0;
+  const focused = stored.focus && document.getElementById(stored.focus);
+  if (focused) focused.focus({ preventScroll: true });
+  if (focused === words && stored.caret) words.setSelectionRange(...stored.caret);
+  addEventListener("pagehide", () => {
+    const values = Object.fromEntries(fields.map((field) => [field.id, field.value]));
+    const caret = [words.selectionStart, words.selectionEnd];
+    keep({ fields: values, left: region.scrollLeft, focus: document.activeElement.id, caret });
+  });
+  // a batch that runs is loaded again, until its page stays the same for five minutes
+  const { written } = document.body.dataset;
+  if (!written) return;
+  const now = Date.now();
+  if (stored.written !== written) keep({ written, since: now });
+  const minutes = Math.max(now - stored.since, now - Date.parse(written) - 3.6e6) / 6e4;
+  if (minutes < 5) setTimeout(() => location.reload(), 15000);
+  else document.getElementById("stale").hidden = false;
 })();

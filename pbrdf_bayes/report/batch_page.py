@@ -111,7 +111,7 @@ def render_batch(index: Record) -> str:
         conformity=conformity, verdict_words=VERDICT_WORDS, lead=_lead(index),
         decided_words=WORDS, looks=LOOK_OF,
         n=len(rows) - sum(_is_open(row) for row in rows), n_samples=index["n_samples"],
-        finished=index["finished"], version=index["version"],
+        running=index["running"], written=index["written_utc"], version=index["version"],
         failing=sum(row["verdict"] == "FAIL" for row in rows), unidentified=_unidentified(groups),
         tally=_decisions(rows) if conformity else _fits(rows),
         total=seconds(sum(row["seconds"] or 0.0 for row in rows)),
@@ -308,7 +308,7 @@ def _trend(record: Record) -> str:
         return ""
     ends = [t["slope_median"], t["slope_q025"], t["slope_q975"]]
     if record["logarithmic"]:
-        slope, low, high = (f"{100.0 * (exp(b) - 1.0):+.2g}" for b in ends)
+        slope, low, high = (number(100.0 * (exp(b) - 1.0), digits=2) for b in ends)
         text = f"{slope} % from a sample to the next (95 % interval {low} to {high} %)"
     else:
         r = rounded(ends[0], (ends[2] - ends[1]) / 4.0, low=ends[1], high=ends[2])

@@ -121,6 +121,12 @@ def chart_range(record: Record) -> tuple[float, float]:
         ends = [chart["low"], chart["high"]]
     ends += [*(values - bar)[kept], *(values + bar)[kept]]
     low, high = min(ends), max(ends)
+    if chart:  # those of a sample, where the axis stays legible with them
+        own = [
+            float(np.median(np.array(chart[key])[kept])) for key in ("sample_low", "sample_high")
+        ]
+        low, high = max(own[0], 1.5 * low - 0.5 * high), min(own[1], 1.5 * high - 0.5 * low)
+        low, high = min([low, *ends]), max([high, *ends])
     near = use & (values > 2.0 * low - high) & (values < 2.0 * high - low)
     low, high = min([low, *values[near]]), max([high, *values[near]])
     margin = 0.06 * max(high - low, 1e-12)

@@ -181,3 +181,103 @@ def test_an_error_is_seen_whole(browser, judged, index, width):
         assert box["x"] >= 0
         assert box["x"] + box["width"] <= width
         context.close()
+
+
+def wide_row(i: int, **found: Any) -> dict[str, Any]:
+    """A row as it is in practice: four parameters of three or four digits, judged."""
+    values = {
+        "n": (1.5241, 0.004),
+        "k": (0.1848, 0.009),
+        "sigma_n0": (0.4481, 0.002),
+        "rho0": (0.437, 0.01),
+    }
+    p = {"p_conformity": 0.97, "u_p_conformity": 0.003, "p_conformity_low": 0.96,
+         "p_conformity_high": 0.98, "consumer_risk": 0.03, "producer_risk": 0.97}  # fmt: skip
+    parameters = {name: parameter(name, *pair) for name, pair in values.items()}
+    if i == 3:
+        parameters["k"] |= {"identified": False}
+    verdict = "WARN" if i == 2 else "PASS"
+    return row(i, verdict, conformity="ACCEPT", parameters=parameters, **p, **found) | {
+        "sample": f"Lot 2026-{i:03d} green"
+    }
+
+
+@pytest.mark.parametrize("width", [1400, 1280])
+def test_a_judged_table_is_seen_whole(browser, tmp_path, width):
+    write_index(tmp_path, [wide_row(i) for i in range(1, 6)], n_samples=5)
+    page = browser.new_page(viewport={"width": width, "height": 900})
+    page.goto((tmp_path / "index.html").as_uri())
+    for region in page.locator(".scroll").all():
+        assert region.evaluate("e => e.scrollWidth - e.clientWidth") <= 0
+    page.close()
+
+
+def test_tables_are_numbered_through(browser, index):
+    """What contains its style counts for itself: no ancestor of a caption may."""
+    page = browser.new_page()
+    page.goto(index.as_uri())
+    contained = page.evaluate(
+        "[...document.querySelectorAll('caption')].map(c => { for (let e = c; e; e = e.parentElement)"
+        " if (/style|content|strict/.test(getComputedStyle(e).contain) ||"
+        " getComputedStyle(e).containerType !== 'normal') return true; return false; })"
+    )
+    assert contained == [False, False]
+    page.close()
+
+
+def test_a_page_that_is_loaded_again_keeps_what_was_chosen(browser, tmp_path):
+    """Filter, order, focus and caret; the page of a batch that has ended is not loaded again."""
+    rows = [row(i, "WARN" if i == 3 else "PASS") for i in range(1, 8)]
+    write_index(tmp_path, rows, n_samples=9, running=True)
+    context = browser.new_context()
+    page = context.new_page()
+    page.clock.install()
+    page.goto((tmp_path / "index.html").as_uri())
+    page.get_by_role("button", name="No.").click()
+    page.get_by_label("Verdict").select_option("PASS")
+    page.get_by_label("Sample contains").fill("lot")
+    page.keyboard.press("Home")
+    page.keyboard.press("ArrowRight")
+    assert shown(page) == list("765421")
+    write_index(tmp_path, [*rows, row(8, "PASS")], n_samples=9, running=True)
+    with page.expect_navigation():
+        page.clock.fast_forward(15_100)
+    assert shown(page) == list("8765421")
+    assert page.locator("#shown").inner_text() == "7 of 8 shown"
+    page.keyboard.type("x")
+    assert page.get_by_label("Sample contains").input_value() == "lxot"
+    assert page.locator("th[aria-sort=descending]").inner_text().startswith("No.")
+    write_index(tmp_path, [*rows, row(8, "PASS"), row(9, "PASS")], n_samples=9)
+    with page.expect_navigation():
+        page.clock.fast_forward(15_100)
+    assert "9 of 9 samples" in page.inner_text(".kicker")
+    assert reloads(page, 30) == 0
+    assert page.locator("#stale").count() == 0
+    context.close()
+
+
+def test_a_page_that_stays_the_same_is_not_loaded_for_ever(browser, tmp_path):
+    write_index(tmp_path, [row(1, "PASS")], n_samples=9, running=True)
+    context = browser.new_context()
+    page = context.new_page()
+    page.clock.install()
+    page.goto((tmp_path / "index.html").as_uri())
+    assert page.locator("#stale").is_hidden()
+    assert 18 <= reloads(page, 60) <= 22  # five minutes, four a minute
+    assert page.locator("#stale").is_visible()
+    context.close()
+
+
+def reloads(page: Any, most: int) -> int:
+    """How often it is loaded again in that many times fifteen seconds."""
+    count = 0
+    for _ in range(most):
+        page.evaluate("window.here = true")
+        page.clock.fast_forward(15_100)
+        page.wait_for_timeout(50)
+        page.wait_for_load_state()
+        gone = not page.evaluate("window.here === true")
+        count += gone
+        if not gone:
+            break
+    return count
