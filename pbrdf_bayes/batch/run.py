@@ -82,6 +82,7 @@ def fit_batch(
     Parameters
     ----------
     files : sequence of str or Path
+        In their order; a list in the alphabetical one comes by the numbers in the names.
     config : RunConfig, optional
         Of every sample; ``threads`` is 1 in each worker.
     out : str or Path, optional

@@ -286,7 +286,8 @@ def _section(name: str, record: Record, rows: Sequence[Record], at: str) -> Para
     chart = record["chart"]
     numbered = [f"No. {i + 1} {n}" for i, n in zip(record["rows"], names, strict=True)]
     beyond = [n for n, out in zip(numbered, chart["beyond"], strict=True) if out] if chart else []
-    n_counted = sum(record["counted"])
+    out = chart["beyond"] if chart else [False] * len(names)
+    n_counted = sum(c and not o for c, o in zip(record["counted"], out, strict=True))
     label = (
         f"{record['symbol']} of {_samples(len(names))}{' at ' * bool(at)}{at} in order, "
         f"{len(beyond)} beyond their limits"

@@ -20,8 +20,10 @@ from pbrdf_bayes.verbs.conform import add_paperwork, paperwork_of
 _EPILOG = """\
 Every sample of every file gets a run folder in DIR, named after it and a hash of its readings,
 configuration, seed and version, and a row in index.html, index.csv and index.json. A sample that
-cannot be fitted is listed with its error. Reports are in short form; 'report' draws all figures.
-With --limits every sample is judged (see 'conform'); with --resume those that are finished too.
+cannot be fitted is listed with its error. Files come in the order given; where a shell has sorted
+them, by the numbers in their names: lot_2 before lot_10. Reports are in short form; 'report' draws
+all figures. With --limits every sample is judged (see 'conform'); with --resume those that are
+finished too, where the limits are others than before.
 
 workers on other machines, which must see DIR under the same path:
   dask scheduler
