@@ -13,7 +13,7 @@ from pbrdf_bayes import __version__
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.errors import DataError
 from pbrdf_bayes.io.config_toml import config_table
-from pbrdf_bayes.io.run_folder import safe_name
+from pbrdf_bayes.io.safe_names import safe_name
 from pbrdf_bayes.io.tidy_csv import TidyFile, read_usable_samples
 from pbrdf_bayes.measurement import Measurement
 

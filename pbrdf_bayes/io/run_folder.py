@@ -6,7 +6,6 @@ import contextlib
 import hashlib
 import json
 import os
-import re
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
@@ -23,6 +22,7 @@ from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.io.locks import try_lock
 from pbrdf_bayes.io.netcdf_tree import tree_bytes
 from pbrdf_bayes.io.outside import MAX_TEXT_BYTES, read_ordinary
+from pbrdf_bayes.io.safe_names import safe_name
 from pbrdf_bayes.results import SCHEMA_VERSION, Analysis
 
 SUMMARY = "summary.json"
@@ -42,29 +42,6 @@ _CHECKSUM = "posterior_sha256"
 _MOST_JSON_BYTES = 64 * 2**20
 _DAMAGE = (OSError, ValueError, AttributeError, KeyError, RuntimeError, TypeError)
 """What h5netcdf and h5py raise for a file with bytes that are not what they were."""
-
-_RESERVED = {"con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for i in range(10))}
-_LONGEST_NAME = 80
-
-
-def safe_name(name: str) -> str:
-    """A folder name for any sample name: plain characters, never hidden, reserved or long.
-
-    A name that had to be changed ends in a hash of the original, so that two never collide.
-
-    Examples
-    --------
-    >>> safe_name("green_paint")
-    'green_paint'
-    >>> safe_name("../etc")
-    'etc-f7f9121f'
-    """
-    plain = re.sub(r"[^A-Za-z0-9._-]+", "_", name).strip("._-")[:_LONGEST_NAME]
-    usable = bool(plain) and plain.lower().split(".")[0] not in _RESERVED
-    if usable and plain == name:
-        return plain
-    digest = hashlib.sha256(name.encode("utf-8", "surrogatepass")).hexdigest()[:8]
-    return f"{plain}-{digest}" if usable else f"sample-{digest}"
 
 
 def new_run_folder(root: Path, sample: str) -> Path:
@@ -295,9 +272,7 @@ def load_analysis(folder: Path | str) -> Analysis:
     checksum = stored.pop(_CHECKSUM, None)
     try:
         posterior = (folder / POSTERIOR).read_bytes()
-        if checksum not in (None, hashlib.sha256(posterior).hexdigest()):
-            msg = f"{POSTERIOR} does not have the checksum in {SUMMARY}"
-            raise ValueError(msg)
+        _refuse_changed(folder, posterior, checksum)
         with xr.open_datatree(posterior, engine="h5netcdf") as tree:
             draws = tree.load()
         text = read_ordinary(folder / CONFIG, MAX_TEXT_BYTES).decode("utf-8")
@@ -305,6 +280,15 @@ def load_analysis(folder: Path | str) -> Analysis:
         msg = f"{folder}: the run is damaged ({error}). Fit again into another folder"
         raise RunFolderError(msg) from None
     return Analysis(stored, draws, text, design=load_design(folder, stored))
+
+
+def _refuse_changed(folder: Path, posterior: bytes, checksum: str | None) -> None:
+    if checksum not in (None, hashlib.sha256(posterior).hexdigest()):
+        msg = (
+            f"{folder}: the run is damaged ({POSTERIOR} does not have the checksum in {SUMMARY}). "
+            "Fit again into another folder"
+        )
+        raise RunFolderError(msg)
 
 
 def load_summary(folder: Path) -> dict[str, Any]:

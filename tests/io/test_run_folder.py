@@ -31,11 +31,11 @@ from pbrdf_bayes.io.run_folder import (
     load_summary,
     locked,
     new_run_folder,
-    safe_name,
     save_analysis,
     validate_summary,
     write_text,
 )
+from pbrdf_bayes.io.safe_names import safe_name
 from pbrdf_bayes.results import Analysis
 
 FILES = {"summary.json", "posterior.nc", "config.toml", "report.html", "log.txt"}

@@ -343,8 +343,9 @@ def test_the_help_shows_a_scene_that_works(here, capsys):
     """The example in it can be copied as it stands."""
     with pytest.raises(SystemExit):
         main(["predict", "--help"])
-    assert SCENE_HELP in capsys.readouterr().out
+    told = capsys.readouterr().out
     lines = [line for line in SCENE_HELP.splitlines() if line.startswith("  ")]
+    assert "\n".join(lines) in told
     Path("scene.toml").write_text("\n".join(lines), encoding="utf-8")
     scene = read_scene(Path("scene.toml"))
     assert scene.n_directions == 2 * 35 * 37
