@@ -1,4 +1,9 @@
-"""Several measurements together: the best next ones under a budget of minutes."""
+"""Several measurements together: the best next ones under a budget of minutes.
+
+As long as enough draws explain the simulated readings of all measurements together, what the next
+one adds comes from these. From there on it is the difference of the expected log-determinants of
+the local normal law (`pbrdf_bayes.design.local`).
+"""
 
 from __future__ import annotations
 
@@ -9,11 +14,25 @@ from itertools import combinations
 from operator import add
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pbrdf_bayes.design.evaluate import Evaluated, Stage, hemispherical_table
+from pbrdf_bayes.design.evaluate import (
+    Evaluated,
+    Stage,
+    hemispherical_table,
+    read_hemispherical,
+)
+from pbrdf_bayes.design.fisher import Told
+from pbrdf_bayes.design.local import LOCAL, LocalLaw, local_law
 from pbrdf_bayes.design.nested import LEAST_DRAWS, Gain, PairTable, difference, expected_gain
 
-_MOST_PAIRS = 150
+Array = NDArray[np.float64]
+
+_MOST_SIMULATED = 4
+"""Measurements whose simulated readings are weighed together."""
+_MOST_PAIRS, _MOST_LOCAL_PAIRS = 150, 3000
+_LEAST_ADDED = 0.01
+"""What a measurement adds to a batch at least [nat]."""
 _ROUNDING = 1e-9
 """Of minutes that are added up."""
 
@@ -28,20 +47,25 @@ class Batch:
         In the order in which they were added.
     gains : tuple of Gain
         Of the first, of the first two, and so on: with what they share counted once.
+    added : tuple of tuple of float
+        What each adds to those before it, and the standard error [nat].
     minutes : float
-    cut_short : bool
-        More would fit, but too few draws are left to tell what to add.
     """
 
-    members: tuple[Evaluated, ...]
-    gains: tuple[Gain, ...]
-    minutes: float
-    cut_short: bool = False
+    members: tuple[Evaluated, ...] = ()
+    gains: tuple[Gain, ...] = ()
+    added: tuple[tuple[float, float], ...] = ()
+    minutes: float = 0.0
 
     @property
     def eig(self) -> float:
         """Of all together [nat]."""
         return self.gains[-1].eig if self.gains else 0.0
+
+    def with_member(self, member: Evaluated, gain: Gain, added: tuple[float, float]) -> Batch:
+        """One more."""
+        minutes = self.minutes + member.candidate.minutes
+        return Batch((*self.members, member), (*self.gains, gain), (*self.added, added), minutes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +78,8 @@ class Pairs:
     gap, gap_se : float
         How much the best pair gives beyond the greedy one [nat].
     n_compared : int
+    method : {"nested", "local"}
+        How pairs were compared.
     """
 
     best: Batch
@@ -61,10 +87,11 @@ class Pairs:
     gap: float
     gap_se: float
     n_compared: int
+    method: str = "nested"
 
 
 def joint_table(stage: Stage, members: Sequence[Evaluated]) -> PairTable:
-    """Of all members, of different geometries.
+    """Of all members: scans of different geometries, and any DHR and DDR.
 
     Given all parameters these are independent, but for DHR and DDR of one polarisation, which share
     a gain. Scans of one geometry would share the discrepancy as well.
@@ -84,101 +111,202 @@ def joint_gain(stage: Stage, members: Sequence[Evaluated]) -> Gain:
 
 
 def greedy_batch(
-    stage: Stage, candidates: Sequence[Evaluated], *, minutes: float, most: int
-) -> Batch:
+    stage: Stage, candidates: Sequence[Evaluated], *, minutes: float, most: int,
+    law: LocalLaw | None = None,
+) -> Batch:  # fmt: skip
     """Add the candidate that adds most, as long as the budget lasts.
 
-    Every geometry is taken at most once, whatever its minutes and the range of the scan: readings
-    of one geometry share the discrepancy of the model, and a second one adds little. Once by what
-    it adds and once by what it adds for each minute; the better of both is taken.
-    Where gains diminish that is never worse than half of 1 - 1/e of the optimum (Krause and
+    A scan is taken at most once at a geometry, whatever its minutes and its range: scans of one
+    geometry share the discrepancy of the model, and a second one adds little. A DHR or DDR reading
+    may be taken again: it shares its gain only.
+    Once by what a candidate adds and once by what it adds for each minute; the better of both is
+    taken. Where gains diminish that is never worse than half of 1 - 1/e of the optimum (Krause and
     Guestrin, CMU-CALD-05-103, 2005).
 
     Parameters
     ----------
     stage : Stage
     candidates : sequence of Evaluated
-        Those without tables count only where so much is to be gained that no sum of gains could be
-        told: the one with the largest gain is then taken alone.
+        Those without tables count where the local normal law tells what is added.
     minutes : float
         Budget [min]; infinity for none.
     most : int
         Measurements at most.
+    law : LocalLaw, optional
+        `local_law` of the stage, where it is there already.
 
     Returns
     -------
     Batch
         Empty where nothing fits, or nothing adds.
     """
-    fit = [c for c in candidates if c.candidate.minutes <= minutes + _ROUNDING]
-    first = max(fit, key=lambda c: c.gain.eig, default=None)
-    if first is not None and first.gain.ess < LEAST_DRAWS and first.gain.eig > 0.0:
-        return Batch((first,), (first.gain,), first.candidate.minutes, cut_short=most > 1)
-    found = [_greedy(stage, fit, minutes, most, per_minute=flag) for flag in (False, True)]
+    here = law or local_law(stage)
+    found = [
+        _greedy(stage, here, candidates, minutes, most, per_minute=flag) for flag in (False, True)
+    ]
     return max(found, key=lambda batch: batch.eig)
 
 
 def _greedy(
-    stage: Stage, candidates: Sequence[Evaluated], minutes: float, most: int, *, per_minute: bool
-) -> Batch:
-    batch = Batch((), (), 0.0)
-    left = [c for c in candidates if c.table is not None]
+    stage: Stage, law: LocalLaw, candidates: Sequence[Evaluated], minutes: float, most: int, *,
+    per_minute: bool,
+) -> Batch:  # fmt: skip
+    batch = Batch()
+    left = list(candidates)
+    local = False
     while len(batch.members) < most:
         room = minutes - batch.minutes
         left = [c for c in left if c.candidate.minutes <= room + _ROUNDING]
-        every = [(c, joint_gain(stage, [*batch.members, c])) for c in left]
-        options = [option for option in every if option[1].ess >= LEAST_DRAWS]
+        options = [] if local else _simulated(stage, batch, left)
         if not options:
-            batch = replace(batch, cut_short=bool(every))
+            local = bool(batch.members)
+            options = _by_local_law(law, batch, left) if local else _alone(left)
+        if not options:
             break
 
-        def added(option: tuple[Evaluated, Gain], before: float = batch.eig) -> float:
-            gain = option[1].eig - before
-            return gain / option[0].candidate.minutes if per_minute else gain
+        def utility(option: tuple[Evaluated, Gain, tuple[float, float]]) -> float:
+            added = option[2][0]
+            return added / option[0].candidate.minutes if per_minute else added
 
-        best, gain = max(options, key=added)
-        more, error = difference(gain, batch.gains[-1] if batch.gains else None)
-        if more <= error:
+        best, gain, (more, error) = max(options, key=utility)
+        if more <= (_LEAST_ADDED if gain.method == LOCAL else error):
             break
-        batch = Batch((*batch.members, best), (*batch.gains, gain),
-                      batch.minutes + best.candidate.minutes)  # fmt: skip
-        left = [c for c in left if c.candidate.geometry != best.candidate.geometry]
+        batch = batch.with_member(best, gain, (more, error))
+        left = _without(left, best, again=len(batch.members), stage=stage)
     return batch
 
 
-def best_pair(stage: Stage, candidates: Sequence[Evaluated], *, minutes: float) -> Pairs | None:
+def _simulated(
+    stage: Stage, batch: Batch, left: Sequence[Evaluated]
+) -> list[tuple[Evaluated, Gain, tuple[float, float]]]:
+    """What each adds by simulated readings; nothing where these leave too few draws of one."""
+    before = batch.gains[-1] if batch.gains else None
+    if len(batch.members) >= _MOST_SIMULATED or any(m.table is None for m in batch.members):
+        return []
+    if before is None and any(c.gain.ess < LEAST_DRAWS for c in left):
+        return []
+    if before is not None and before.method != "nested":
+        return []
+    every = [(c, joint_gain(stage, [*batch.members, c])) for c in left if c.table is not None]
+    if any(gain.ess < LEAST_DRAWS for _, gain in every):
+        return []
+    return [(c, gain, difference(gain, before)) for c, gain in every]
+
+
+def _alone(left: Sequence[Evaluated]) -> list[tuple[Evaluated, Gain, tuple[float, float]]]:
+    """The first one by its own gain, whatever tier that is of."""
+    return [(c, c.gain, (c.gain.eig, c.gain.se)) for c in left]
+
+
+def _by_local_law(
+    law: LocalLaw, batch: Batch, left: Sequence[Evaluated]
+) -> list[tuple[Evaluated, Gain, tuple[float, float]]]:
+    """What each adds by the local normal law, on top of the gain so far."""
+    before = batch.gains[-1]
+    taken = [m.told for m in batch.members if m.told is not None]
+    start = law.entropy(taken)
+    found = []
+    for c in left:
+        if c.told is None:
+            continue
+        terms = start - law.entropy([*taken, c.told])
+        more, error = _mean(terms)
+        gain = Gain(
+            eig=before.eig + more, se=float(np.hypot(before.se, error)), low=before.low + more,
+            high=before.high + more, ess=before.ess, terms=terms, method=LOCAL,
+        )  # fmt: skip
+        found.append((c, gain, (more, error)))
+    return found
+
+
+def _mean(terms: Array) -> tuple[float, float]:
+    return float(terms.mean()), float(terms.std(ddof=1) / np.sqrt(terms.size))
+
+
+def _without(
+    left: Sequence[Evaluated], taken: Evaluated, *, again: int, stage: Stage
+) -> list[Evaluated]:
+    """What can still be taken: not another scan of the geometry; a DHR or DDR with new noise."""
+    if taken.candidate.quantity == "brdf":
+        return [c for c in left if c.candidate.geometry != taken.candidate.geometry]
+    return [
+        replace(c, reading=read_hemispherical(stage, c.candidate, again=again))
+        if c.reading is not None and c.candidate.geometry == taken.candidate.geometry else c
+        for c in left
+    ]  # fmt: skip
+
+
+def best_pair(
+    stage: Stage, candidates: Sequence[Evaluated], *, minutes: float, law: LocalLaw | None = None
+) -> Pairs | None:
     """Compare all pairs of the most promising candidates, of two geometries each.
 
-    None where no pair fits the budget, or too few draws are left to tell what pairs give.
+    By simulated readings, or all by the local normal law where one of the pairs leaves too few
+    draws. None where no pair fits the budget.
 
     Parameters
     ----------
     stage : Stage
     candidates : sequence of Evaluated
-        With their tables.
+        With their tables, or what they tell locally.
     minutes : float
         Budget of the pair [min].
+    law : LocalLaw, optional
+        `local_law` of the stage, where it is there already.
     """
-    ordered = sorted((c for c in candidates if c.table is not None), key=lambda c: -c.gain.eig)
+    here = law or local_law(stage)
+    fit = _pairs([c for c in candidates if c.table is not None], minutes)[:_MOST_PAIRS]
+    plain = _greedy(stage, here, candidates, minutes, 2, per_minute=False)
+    if len(plain.members) < 2:
+        return None
+    if plain.gains[-1].method != LOCAL and fit:
+        gains = [joint_gain(stage, pair) for pair in fit]
+        if min(gain.ess for gain in gains) >= LEAST_DRAWS:
+            i = int(np.argmax([g.eig for g in gains]))
+            alone = joint_gain(stage, fit[i][:1])
+            best = Batch().with_member(fit[i][0], alone, (alone.eig, alone.se))
+            best = best.with_member(fit[i][1], gains[i], difference(gains[i], alone))
+            if best.eig < plain.eig:
+                best = plain
+            gap, error = difference(best.gains[-1], plain.gains[-1])
+            return Pairs(best, plain, gap, error, len(fit))
+    return _best_local_pair(here, candidates, plain, minutes)
+
+
+def _pairs(candidates: Sequence[Evaluated], minutes: float) -> list[tuple[Evaluated, Evaluated]]:
+    """Pairs of two geometries that fit the budget, those of the largest gains first."""
+    ordered = sorted(candidates, key=lambda c: -c.gain.eig)
     pairs = [
         pair for pair in combinations(ordered, 2)
         if sum(c.candidate.minutes for c in pair) <= minutes + _ROUNDING
         and pair[0].candidate.geometry != pair[1].candidate.geometry
     ]  # fmt: skip
-    pairs.sort(key=lambda pair: -sum(c.gain.eig for c in pair))
-    pairs = pairs[:_MOST_PAIRS]
-    greedy = _greedy(stage, candidates, minutes, 2, per_minute=False)
-    if not pairs or len(greedy.members) < 2:
+    return sorted(pairs, key=lambda pair: -sum(c.gain.eig for c in pair))
+
+
+def _best_local_pair(
+    law: LocalLaw, candidates: Sequence[Evaluated], plain: Batch, minutes: float
+) -> Pairs | None:
+    """By expected log-determinants: the gain of the greedy pair plus the difference to it."""
+    pairs = _pairs([c for c in candidates if c.told is not None], minutes)[:_MOST_LOCAL_PAIRS]
+    if not pairs:
         return None
-    gains = [joint_gain(stage, pair) for pair in pairs]
-    told = [k for k, gain in enumerate(gains) if gain.ess >= LEAST_DRAWS]
-    if not told:
-        return None
-    pairs, gains = [pairs[k] for k in told], [gains[k] for k in told]
-    i = int(np.argmax([g.eig for g in gains]))
-    alone = joint_gain(stage, pairs[i][:1])
-    best = Batch(pairs[i], (alone, gains[i]), sum(c.candidate.minutes for c in pairs[i]))
-    if best.eig < greedy.eig:
-        best = greedy
-    gap, error = difference(best.gains[-1], greedy.gains[-1])
-    return Pairs(best, greedy, gap, error, len(pairs))
+    reference = law.entropy(_told(plain.members))
+    left = np.array([law.entropy(_told(pair)) for pair in pairs])
+    i = int(np.argmin(left.mean(axis=1)))
+    gap, error = _mean(reference - left[i])
+    if gap <= 0.0:
+        return Pairs(plain, plain, 0.0, 0.0, len(pairs), LOCAL)
+    first, second = sorted(pairs[i], key=lambda c: -c.gain.eig)
+    whole = plain.gains[-1]
+    gain = replace(
+        whole, eig=whole.eig + gap, se=float(np.hypot(whole.se, error)), low=whole.low + gap,
+        high=whole.high + gap, terms=reference - left[i], method=LOCAL,
+    )  # fmt: skip
+    best = Batch().with_member(first, first.gain, (first.gain.eig, first.gain.se))
+    more = gain.eig - first.gain.eig, float(np.hypot(gain.se, first.gain.se))
+    return Pairs(best.with_member(second, gain, more), plain, gap, error, len(pairs), LOCAL)
+
+
+def _told(members: Sequence[Evaluated]) -> list[Told]:
+    return [m.told for m in members if m.told is not None]

@@ -129,7 +129,7 @@ def list_candidates(
     theta_i_deg: Iterable[float] = tuple(range(0, 90, 5)),
     polarizations: Sequence[str] = POLARIZATIONS,
     theta_r_deg: Sequence[float],
-    port_deg: float = 5.0,
+    port_deg: float | Sequence[float] = 5.0,
     costs: Costs | None = None,
 ) -> tuple[Candidate, ...]:
     """Every quantity, polarisation and angle of incidence.
@@ -142,8 +142,8 @@ def list_candidates(
     polarizations : sequence of {"s", "p", "u"}
     theta_r_deg : sequence of float
         Angles of every scan [deg].
-    port_deg : float
-        Half angle of the port of DDR readings [deg].
+    port_deg : float or sequence of float
+        Half angle of the port of DDR readings, or several [deg].
     costs : Costs, optional
 
     Returns
@@ -162,14 +162,16 @@ def list_candidates(
     price = costs or Costs()
     scan = tuple(float(a) for a in theta_r_deg)
     angles = [float(a) for a in theta_i_deg]
+    ports = [float(a) for a in np.atleast_1d(np.asarray(port_deg, dtype=np.float64))]
     return tuple(
         Candidate(
             quantity, q, angle,
             minutes=price.of(quantity, len(scan)),
             theta_r_deg=scan if quantity == "brdf" else (),
-            port_deg=port_deg if quantity == "ddr" else 0.0,
+            port_deg=port,
         )
-        for quantity in quantities for q in polarizations for angle in angles
+        for quantity in quantities for port in (ports if quantity == "ddr" else [0.0])
+        for q in polarizations for angle in angles
     )  # fmt: skip
 
 
@@ -214,6 +216,25 @@ def usual_scan(measurement: Measurement) -> tuple[float, ...]:
     step = max(step, (high - low) / 160.0)
     n = round((high - low) / step)
     return tuple(np.round(np.linspace(low, high, n + 1), 6).tolist())
+
+
+def repeats(
+    measurement: Measurement, theta_r_deg: Sequence[float], *, costs: Costs
+) -> tuple[Candidate, ...]:
+    """Every geometry that was measured: scans in the plane of incidence, and DHR."""
+    scan, m = tuple(float(a) for a in theta_r_deg), measurement
+    brdf = [("brdf", s.polarization, s.theta_i_deg) for s in m.scans if s.phi_r_deg == 0.0]
+    dhr = [
+        ("dhr", str(q), float(angle))
+        for q, angle in zip(m.dhr.polarization, m.dhr.theta_i_deg, strict=True)
+    ]
+    return tuple(
+        Candidate(
+            quantity, q, angle, minutes=costs.of(quantity, len(scan)),
+            theta_r_deg=scan if quantity == "brdf" else (),
+        )
+        for quantity, q, angle in dict.fromkeys([*brdf, *dhr])
+    )  # fmt: skip
 
 
 def was_measured(candidate: Candidate, measurement: Measurement) -> bool:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from pbrdf_bayes.design.beliefs import Beliefs, DrawnSets, Nuisance, draw_nuisance, draw_sets
 from pbrdf_bayes.design.candidates import Candidate
 from pbrdf_bayes.design.fisher import (
-    hemispherical_precisions,
+    Told,
+    hemispherical_told,
     linear_gain,
     moved_sets,
     scan_precisions,
@@ -44,7 +45,8 @@ from pbrdf_bayes.errors import ConfigError
 
 Array = NDArray[np.float64]
 
-N_LINEAR = 24
+N_LINEAR, FEWEST_LINEAR = 48, 12
+"""Draws of tier 0 and of the local normal law, and of these where there are many candidates."""
 _NUISANCE_OF_PRIOR = 64
 """Noises that only have a prior span decades: some draws must be like the one that was true."""
 _STREAMS = {"outer": 30, "nuisance": 31, "hemispherical": 32}
@@ -100,7 +102,10 @@ class Stage:
         return not names <= set(self.beliefs.about)
 
 
-def set_stage(beliefs: Beliefs, *, n_outer: int, n_inner: int, n_nuisance: int, seed: int) -> Stage:
+def set_stage(
+    beliefs: Beliefs, *, n_outer: int, n_inner: int, n_nuisance: int, seed: int,
+    n_linear: int = N_LINEAR,
+) -> Stage:  # fmt: skip
     """Draw the sets that all candidates are put to.
 
     Importance sampling and rejected steps give the same draw several times. A draw compared with
@@ -132,7 +137,7 @@ def set_stage(beliefs: Beliefs, *, n_outer: int, n_inner: int, n_nuisance: int, 
     rng = np.random.default_rng([seed, _STREAMS["nuisance"]])
     outer = draw_sets(beliefs, np.ascontiguousarray(distinct[pool]), rng)
     inner = draw_sets(beliefs, np.ascontiguousarray(distinct[other]), rng)
-    linear = outer.take(slice(0, N_LINEAR))
+    linear = outer.take(slice(0, n_linear))
     moved, steps = moved_sets(beliefs, linear.x)
     n = n_nuisance if beliefs.measured else max(n_nuisance, _NUISANCE_OF_PRIOR)
     nuisance = draw_nuisance(beliefs, outer.x, n, rng)
@@ -158,13 +163,19 @@ class Evaluated:
     ----------
     candidate : Candidate
     gain : Gain
-        Tier 1: nested Monte Carlo.
+        Tier 1: nested Monte Carlo; tier 2 or the local normal law where that fails.
     spread : Spread
         Variance after over before, of parameters and goals.
     table : PairTable or None
         Kept for batches.
     reading : Hemispherical or None
         Of a DHR or DDR, kept for batches.
+    told : Told or None
+        For the local normal law.
+    local_nats : float or None
+        Gain by the local normal law, where that was computed [nat].
+    local_spread : bool
+        Whether ``spread`` is of that law.
     """
 
     candidate: Candidate
@@ -172,6 +183,9 @@ class Evaluated:
     spread: Spread
     table: PairTable | None = None
     reading: Hemispherical | None = None
+    told: Told | None = None
+    local_nats: float | None = None
+    local_spread: bool = False
 
 
 def bright_readings(stage: Stage, candidate: Candidate) -> NDArray[np.bool_]:
@@ -185,22 +199,28 @@ def bright_readings(stage: Stage, candidate: Candidate) -> NDArray[np.bool_]:
     return np.asarray(np.median(brdf, axis=0) ** 2 > floor2)
 
 
-def linear_gains(stage: Stage, candidate: Candidate) -> Array:
-    """Tier 0 of a candidate at each of the draws, shape (n_linear,) [nat]."""
+def told_by(stage: Stage, candidate: Candidate) -> Told:
+    """What a candidate tells at each of the draws of tier 0."""
     b = stage.beliefs
     if candidate.quantity != "brdf":
-        found = hemispherical_precisions(b, candidate, stage.linear, stage.moved, stage.steps)
-        return linear_gain(b.covariance, found, b.columns_about)
+        return hemispherical_told(b, candidate, stage.linear, stage.moved, stage.steps)
     bright = bright_readings(stage, candidate)
     if not bright.any():
-        return np.zeros(len(stage.linear))
+        return Told(np.zeros((len(stage.linear), stage.steps.size, stage.steps.size)))
     planned = plan_scan(b, candidate, bright)
     predict = b.posterior.predict
-    found = scan_precisions(
+    return Told(scan_precisions(
         b, planned, stage.linear, predict(stage.linear.x, planned.geometry)[0],
         predict(stage.moved, planned.geometry)[0], stage.steps,
-    )  # fmt: skip
-    return linear_gain(b.covariance, found, b.columns_about)
+    ))  # fmt: skip
+
+
+def linear_gains(stage: Stage, told: Told) -> Array:
+    """Tier 0 of a candidate at each of the draws, shape (n_linear,) [nat]."""
+    p = stage.beliefs.posterior
+    precision = np.zeros((len(told.precision), len(p.free), len(p.free)))
+    precision[:, p.of_model[:, None], p.of_model] = told.precision
+    return linear_gain(stage.beliefs.covariance, precision, stage.beliefs.columns_about)
 
 
 def evaluate(
@@ -233,7 +253,8 @@ def evaluate(
     gain = expected_gain(table, keep_weights=True)
     assert gain.weights is not None
     spread = expected_spread(gain.weights, own, inner, stage.inner_weights)
-    spread = spread if groups is None else spread.merged(groups)
+    if groups is not None:
+        spread = spread.merged(groups, np.concatenate([own, inner]).var(axis=0, ddof=1))
     kept = replace(table, inner=table.inner.astype(np.float32)) if keep else None
     gain = replace(gain, weights=None)
     return Evaluated(candidate, gain, spread, kept, reading if keep else None)
@@ -274,8 +295,8 @@ def _nuisance_law(stage: Stage, planned: PlannedScan, own: RowLaw) -> RowLaw:
     return own.with_noise_of(sets, planned.polarization)
 
 
-def read_hemispherical(stage: Stage, candidate: Candidate) -> Hemispherical:
-    """Simulate a DHR or DDR reading for every outer set."""
+def read_hemispherical(stage: Stage, candidate: Candidate, *, again: int = 0) -> Hemispherical:
+    """Simulate a DHR or DDR reading for every outer set; one taken again has noise of its own."""
     b, q = stage.beliefs, candidate.polarization
     own = hemispherical_values(b.posterior, candidate, stage.outer.x)
     seed = (stage.seed, _STREAMS["hemispherical"], "spu".index(q))
@@ -288,7 +309,11 @@ def read_hemispherical(stage: Stage, candidate: Candidate) -> Hemispherical:
     return Hemispherical(
         polarization=q,
         y=draw_hemispherical(
-            own, stage.gains[q][0], stage.outer, seed=seed, key=candidate.geometry
+            own,
+            stage.gains[q][0],
+            stage.outer,
+            seed=seed,
+            key=(*candidate.geometry, *([again] if again else [])),
         ),
         own=own,
         inner=hemispherical_values(b.posterior, candidate, stage.inner.x),

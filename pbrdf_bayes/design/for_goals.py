@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.design.evaluate import Evaluated
-from pbrdf_bayes.design.nested import LEAST_DRAWS
 from pbrdf_bayes.design.ranking import Ranking, rank
 
 Array = NDArray[np.float64]
@@ -22,44 +21,45 @@ class GoalRanking:
     Attributes
     ----------
     name : str
-    members : ndarray of int, shape (n,)
-        Indices of the candidates that enough draws are left of.
-    reduction, se : ndarray, shape (n,)
-        1 - variance after over before, and its standard error.
+    left, left_se : ndarray, shape (n_candidates,)
+        Variance after over before, and its standard error.
     by_measurement, by_minute : Ranking
     """
 
     name: str
-    members: NDArray[np.int64]
-    reduction: Array
-    se: Array
+    left: Array
+    left_se: Array
     by_measurement: Ranking
     by_minute: Ranking
 
 
 def rank_for_goal(
     name: str, evaluated: Sequence[Evaluated], column: int, *, seed: int
-) -> GoalRanking | None:
-    """Rank candidates for one prediction; None where too few draws are left of every candidate.
+) -> GoalRanking:
+    """Rank all candidates for one prediction.
 
     Parameters
     ----------
     name : str
     evaluated : sequence of Evaluated
+        Where the local normal law tells the spread there are fewer paints: the first ones count.
     column : int
         Of the prediction among the quantities.
     seed : int
         Of the bootstrap.
     """
-    members = np.array([i for i, e in enumerate(evaluated) if e.gain.ess >= LEAST_DRAWS], np.int64)
-    if not members.size:
-        return None
-    spreads = [evaluated[i].spread for i in members]
-    terms = np.array([1.0 - spread.terms[:, column] for spread in spreads])
+    spreads = [e.spread for e in evaluated]
+    n = min(len(spread.terms) for spread in spreads)
+    left = np.array([spread.terms[:, column].mean() for spread in spreads])
     inner = np.array([-spread.inner[:, column] for spread in spreads])
-    minutes = np.array([evaluated[i].candidate.minutes for i in members])
-    se = np.sqrt(terms.var(axis=1, ddof=1) / terms.shape[1] + np.sum(inner**2, axis=1))
+    terms = np.array([
+        spread.terms[:n, column].mean() - spread.terms[:n, column] + 1.0 - mean
+        for spread, mean in zip(spreads, left, strict=True)
+    ])  # fmt: skip
+    variance = [spread.terms[:, column].var(ddof=1) / len(spread.terms) for spread in spreads]
+    se = np.sqrt(np.array(variance) + np.sum(inner**2, axis=1))
+    minutes = np.array([e.candidate.minutes for e in evaluated])
     one, other = (
         rank(terms, minutes, per_minute=flag, seed=seed, inner=inner) for flag in (False, True)
     )
-    return GoalRanking(name, members, terms.mean(axis=1), se, one, other)
+    return GoalRanking(name, left, se, one, other)

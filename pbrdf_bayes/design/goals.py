@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.design.beliefs import Beliefs
 from pbrdf_bayes.design.candidates import Candidate
 from pbrdf_bayes.design.hemispherical import hemispherical_values, of_sample
 from pbrdf_bayes.design.scans import scan_geometry
@@ -78,17 +80,21 @@ def parse_goal(text: str) -> Goal:
     return Goal(found["kind"], found.get("q") or "", theta_i, theta_r)
 
 
-def goal_values(posterior: Posterior, goal: Goal, x: Array, theta_r_deg: Array) -> Array:
+SCAN_DEG = tuple(float(a) for a in range(-80, 81, 8))
+"""theta_r of a scan that is a goal, whatever the candidates are [deg]."""
+
+
+def goal_values(posterior: Posterior, goal: Goal, x: Array) -> Array:
     """The prediction at parameter sets, shape (n_sets, n_values).
 
-    DHR as it is, BRDF and ratios as natural logarithms; a scan has a value for each of
-    ``theta_r_deg`` [deg]. Of the sample, without the effects of the instrument.
+    DHR as it is, BRDF and ratios as natural logarithms; a scan has a value for each of `SCAN_DEG`.
+    Of the sample, without the effects of the instrument.
     """
     x = of_sample(posterior, x)
     if goal.kind == "dhr":
         there = Candidate("dhr", goal.polarization, goal.theta_i_deg, 1.0)
         return hemispherical_values(posterior, there, x)[:, None]
-    angles = theta_r_deg if goal.kind == "scan" else np.array([goal.theta_r_deg])
+    angles = np.array(SCAN_DEG if goal.kind == "scan" else [goal.theta_r_deg])
     words = ("s", "p") if goal.kind == "ratio" else (goal.polarization,)
     logs = [
         np.log(np.maximum(
@@ -97,6 +103,20 @@ def goal_values(posterior: Posterior, goal: Goal, x: Array, theta_r_deg: Array) 
         for q in words
     ]  # fmt: skip
     return np.asarray(logs[0] - logs[1] if goal.kind == "ratio" else logs[0])
+
+
+def values_of(beliefs: Beliefs, goals: Sequence[Goal], x: Array) -> tuple[Array, tuple[str, ...]]:
+    """What the information is about and the goals at parameter sets, and the name of each column.
+
+    A scan has a column for each angle; it counts by its mean variance.
+    """
+    p = beliefs.posterior
+    found = [x[:, [p.parameter_names.index(name) for name in beliefs.about]]]
+    names = [*beliefs.about]
+    for goal in goals:
+        found.append(goal_values(p, goal, x))
+        names += [goal.label] * found[-1].shape[1]
+    return np.concatenate(found, axis=1), tuple(names)
 
 
 def _angle(text: str, word: str, low: float, high: float) -> float:

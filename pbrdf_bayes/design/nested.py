@@ -28,7 +28,7 @@ al., AISTATS 2020, arXiv:1911.00294 (contrastive). The middle and the expectatio
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,9 +39,9 @@ _TINY = 1e-300
 WIDE = 0.3
 """Bracket [nat] beyond which a candidate needs inner draws of its own, and ties by its ends."""
 UNBOUNDED = 1.0
-"""Bracket [nat] beyond which its middle means nothing: its lower end is what is told."""
+"""Bracket [nat] beyond which its middle means nothing: the local normal law is what is told."""
 LEAST_DRAWS = 10.0
-"""Effective draws below which neither a standard deviation nor a sum of gains is told."""
+"""Effective draws below which draws tell neither a standard deviation nor a sum of gains."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +100,8 @@ class Gain:
         How much each inner draw moves ``eig``; None where every reading has draws of its own.
     weights : ndarray, shape (n_outer, 1 + n_inner), or None
         Of the own and the inner draws after each simulated reading, where they were kept.
+    method : {"nested", "refined", "local"}
+        Tier 1; tier 2; the local normal approximation, ``low`` and ``high`` those of the others.
     """
 
     eig: float
@@ -110,6 +112,7 @@ class Gain:
     terms: Array
     inner: Array | None = None
     weights: Array | None = None
+    method: str = "nested"
 
     @property
     def wide(self) -> bool:
@@ -118,15 +121,8 @@ class Gain:
 
     @property
     def bounded(self) -> bool:
-        """Whether no more than a lower bound is known."""
+        """Whether the middle of the bracket means nothing."""
         return self.high - self.low > UNBOUNDED
-
-    def settled(self) -> Gain:
-        """With the lower end of the bracket as its value where no more is known."""
-        if not self.bounded:
-            return self
-        least = max(self.low, 0.0)
-        return replace(self, eig=least, terms=self.terms - self.terms.mean() + least)
 
 
 def expected_gain(table: PairTable, *, keep_weights: bool = False) -> Gain:
@@ -274,12 +270,22 @@ class Spread:
         ratio = np.sqrt(self.terms.mean(axis=0))
         return ratio, 0.5 * error / np.maximum(ratio, 1e-12)
 
-    def merged(self, groups: Sequence[NDArray[np.int64]]) -> Spread:
-        """One column for each group of columns: their mean."""
+    def merged(self, groups: Sequence[NDArray[np.int64]], variance: Array) -> Spread:
+        """One column for each group of columns: their mean variance after over that before.
+
+        Parameters
+        ----------
+        groups : sequence of ndarray of int
+        variance : ndarray, shape (n_quantities,)
+            Before the measurement.
+        """
         terms, inner = (
-            np.stack([part[:, at].mean(axis=1) for at in groups], axis=1)
+            np.stack([
+                np.average(part[:, at], axis=1, weights=variance[at] if at.size > 1 else None)
+                for at in groups
+            ], axis=1)
             for part in (self.terms, self.inner)
-        )
+        )  # fmt: skip
         return Spread(terms, inner)
 
 

@@ -11,9 +11,11 @@ from scipy.special import stdtrit
 
 Array = NDArray[np.float64]
 
-_N_BOOTSTRAP = 2000
+_N_MEANS = 4000
 _CLEAR = 0.9772
-"""Quantile of Student's t beyond which two candidates are told apart: two standard errors."""
+"""Quantile of Student's t beyond which brackets that do not overlap are apart."""
+_HELD = 0.95
+"""Chance that the best one is in the set of those not told apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,18 +26,21 @@ class Ranking:
     ----------
     value : ndarray, shape (n_candidates,)
     p_best : ndarray, shape (n_candidates,)
-        Share of bootstrap samples in which it is the best.
+        Chance to be the best, given the simulated readings.
     tied : ndarray of bool, shape (n_candidates,)
-        Cannot be told apart from the best: the paired difference is less than two of its standard
-        errors, or brackets overlap.
+        Cannot be told apart from the best: the fewest that hold the best one with a chance of 95 %,
+        the one with the largest value among them; or those whose brackets overlap.
     pareto : ndarray of bool, shape (n_candidates,)
         No other one gives as much in fewer minutes, or more in as many.
+    n_readings : int
+        Simulated readings that the comparison rests on.
     """
 
     value: Array
     p_best: Array
     tied: NDArray[np.bool_]
     pareto: NDArray[np.bool_]
+    n_readings: int
 
 
 def rank(
@@ -79,18 +84,29 @@ def rank(
         p_best = tied / tied.sum()
     else:
         p_best = _chance_to_be_best(utility, moved, seed)
-    return Ranking(value, p_best, tied, pareto_front(terms.mean(axis=1), minutes))
+        order = np.argsort(-p_best, kind="stable")
+        before = np.cumsum(p_best[order]) - p_best[order]
+        tied = np.zeros(len(value), dtype=bool)
+        tied[order[before < _HELD]] = True
+        tied[best] = True
+    return Ranking(value, p_best, tied, pareto_front(terms.mean(axis=1), minutes), n)
 
 
 def _chance_to_be_best(utility: Array, moved: Array, seed: int) -> Array:
-    """By resampling the readings, and a normal law of the luck of the inner draws."""
+    """By draws of the means: Student's t of the readings, normal of the luck of inner draws.
+
+    With n readings of unknown covariance the means have a multivariate t law of n - 1 degrees of
+    freedom about those found.
+    """
     n = utility.shape[1]
     rng = np.random.default_rng([seed, 40])
-    counts = rng.multinomial(n, np.full(n, 1.0 / n), _N_BOOTSTRAP)
+    away = utility - utility.mean(axis=1, keepdims=True)
+    scale = 1.0 / np.sqrt(n * rng.chisquare(n - 1, _N_MEANS))
     size, axes = np.linalg.eigh(moved @ moved.T)
     luck = axes * np.sqrt(np.maximum(size, 0.0))
-    means = utility @ counts.T / n + luck @ rng.standard_normal((len(utility), _N_BOOTSTRAP))
-    return np.bincount(means.argmax(axis=0), minlength=len(utility)) / _N_BOOTSTRAP
+    means = utility.mean(axis=1)[:, None] + away @ rng.standard_normal((n, _N_MEANS)) * scale
+    means = means + luck @ rng.standard_normal((len(utility), _N_MEANS))
+    return np.bincount(means.argmax(axis=0), minlength=len(utility)) / _N_MEANS
 
 
 def pareto_front(gain: Array, minutes: Array) -> NDArray[np.bool_]:

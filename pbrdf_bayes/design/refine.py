@@ -152,7 +152,7 @@ def refined_gain(
     z_inner = b.posterior.to_coordinates(stage.inner.x)
     about = b.columns_about
     other = np.setdiff1d(np.arange(z_inner.shape[1]), about)
-    level = _log_norm(lambda z: _density(stage, z), z_inner, rng) if b.measured else 0.0
+    level = log_norm(lambda z: _density(stage, z), z_inner, rng) if b.measured else 0.0
     lows, highs, effective = [], [], []
     spent, each = 0, work_of(stage, candidate)
     for i, reading in enumerate(simulate_readings(stage, candidate, n)):
@@ -177,7 +177,7 @@ def refined_gain(
                 return _density(stage, _with(z, other, e))
 
             near = _near(z_inner, z_outer[i], about, other)
-            norm = _log_norm(density, near, rng)
+            norm = log_norm(density, near, rng)
             least, most, _, more = _terms(
                 of_nuisance, near, z_outer[i][other], reading.own, norm, n_inner, rng
             )
@@ -190,7 +190,7 @@ def refined_gain(
     return Gain(
         eig=float(terms.mean()), se=float(terms.std(ddof=1) / np.sqrt(len(terms))),
         low=float(low_terms.mean()), high=float(high_terms.mean()),
-        ess=float(np.median(effective)), terms=terms,
+        ess=float(np.median(effective)), terms=terms, method="refined",
     )  # fmt: skip
 
 
@@ -336,7 +336,7 @@ def _fitted(
     return Mixture(centre[None], factor[None], np.ones(1)), power
 
 
-def _log_norm(density: Callable[[Array], Array], start: Array, rng: np.random.Generator) -> float:
+def log_norm(density: Callable[[Array], Array], start: Array, rng: np.random.Generator) -> float:
     """Natural log of the integral of a density whose draws are about ``start``."""
     mixture, _ = _fitted(start, np.zeros(len(start)), _COMPONENTS, rng)
     z = mixture.sample(rng, 8 * _ROUND_SIZE)

@@ -14,10 +14,28 @@ from threadpoolctl import threadpool_limits
 from pbrdf_bayes.design.batches import Batch, Pairs, best_pair, greedy_batch
 from pbrdf_bayes.design.beliefs import Beliefs
 from pbrdf_bayes.design.candidates import Candidate, was_measured
-from pbrdf_bayes.design.evaluate import Evaluated, Stage, evaluate, linear_gains, set_stage
+from pbrdf_bayes.design.evaluate import (
+    FEWEST_LINEAR,
+    N_LINEAR,
+    Evaluated,
+    Stage,
+    evaluate,
+    linear_gains,
+    set_stage,
+    told_by,
+)
 from pbrdf_bayes.design.for_goals import GoalRanking, rank_for_goal
-from pbrdf_bayes.design.goals import Goal, goal_values
-from pbrdf_bayes.design.nested import Gain
+from pbrdf_bayes.design.goals import Goal, values_of
+from pbrdf_bayes.design.local import (
+    LOCAL,
+    LocalLaw,
+    local_gain,
+    local_law,
+    local_spread,
+    slopes_of_quantities,
+    surprise,
+)
+from pbrdf_bayes.design.nested import LEAST_DRAWS, Gain
 from pbrdf_bayes.design.ranking import Ranking, rank
 from pbrdf_bayes.design.refine import least_work, refined_gain, with_refined
 from pbrdf_bayes.errors import ConfigError
@@ -27,7 +45,11 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 _MOST_EVALUATED = 240
+_MANY = 1000
+"""Candidates from which on tier 0 has fewer draws."""
 _KEPT = 24
+USUAL_BATCH, MOST_TOGETHER = 4, 20
+"""Measurements of a batch: without a budget, and at most."""
 _FEWEST_REFINED, _MOST_REFINED, _INNER_REFINED = 2, 8, 400
 _WORK_REFINED = 2e8
 """Values of the model that tier 2 may compute in all, as long as it has the fewest candidates."""
@@ -43,8 +65,9 @@ class DesignChoices:
         Simulated paints, draws that each is compared with, draws of the nuisance for each.
     minutes : float
         Budget of the batch [min]; infinity for none.
-    batch : int
-        Measurements of the batch at most.
+    batch : int or None
+        Measurements of the batch at most; None for `MOST_TOGETHER` under a budget, else
+        `USUAL_BATCH`.
     seed : int
     threads : int
         Candidates at a time; results do not depend on it.
@@ -54,23 +77,31 @@ class DesignChoices:
     n_inner: int = 800
     n_nuisance: int = 12
     minutes: float = float("inf")
-    batch: int = 4
+    batch: int | None = None
     seed: int = 1
     threads: int = 2
 
     def __post_init__(self) -> None:
         limits = {
             "n_outer": (20, 100_000), "n_inner": (50, 100_000), "n_nuisance": (2, 4096),
-            "batch": (1, 20), "seed": (0, 10**18), "threads": (1, 1024),
+            "most": (1, MOST_TOGETHER), "seed": (0, 10**18), "threads": (1, 1024),
         }  # fmt: skip
         for name, (low, high) in limits.items():
             value = getattr(self, name)
+            name = "batch" if name == "most" else name
             if not (isinstance(value, int) and low <= value <= high):
                 msg = f"{name} = {value!r} is not allowed: give a whole number in [{low}, {high}]"
                 raise ConfigError(msg)
         if not self.minutes > 0.0:
             msg = f"minutes = {self.minutes!r} is not allowed: give a number above 0"
             raise ConfigError(msg)
+
+    @property
+    def most(self) -> int:
+        """Measurements of the batch at most."""
+        if self.batch is not None:
+            return self.batch
+        return MOST_TOGETHER if np.isfinite(self.minutes) else USUAL_BATCH
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +111,8 @@ class DesignResult:
     Attributes
     ----------
     evaluated : tuple of Evaluated
-        Candidates of tier 1, or 2 where the bracket of tier 1 is wide, in the order given.
+        Candidates of tier 1, in the order given; where the bracket of tier 1 is wide, the most
+        promising ones by tier 2 and the others by the local normal law.
     linear, linear_se : ndarray, shape (n_candidates,)
         Tier 0 of all candidates that were given [nat].
     candidates : tuple of Candidate
@@ -98,7 +130,7 @@ class DesignResult:
     batch : Batch
     pairs : Pairs or None
     goals : tuple of GoalRanking
-        Of each goal; without those that too few draws are left of.
+        Of each goal.
     about : tuple of str
     choices : DesignChoices
     """
@@ -154,36 +186,47 @@ def design_measurements(
         stage = set_stage(
             beliefs, n_outer=wanted.n_outer, n_inner=wanted.n_inner,
             n_nuisance=wanted.n_nuisance, seed=wanted.seed,
+            n_linear=FEWEST_LINEAR if len(candidates) > _MANY else N_LINEAR,
         )  # fmt: skip
-        linear = np.array(_each(
-            lambda c: linear_gains(stage, c), candidates, wanted.threads, told, "screening"
-        ))  # fmt: skip
+        aims = tuple(dict.fromkeys(goals))
+        all_told = _each(lambda c: told_by(stage, c), candidates, wanted.threads, told, "screening")
+        linear = np.array([linear_gains(stage, t) for t in all_told])
         level, minutes = linear.mean(axis=1), np.array([c.minutes for c in candidates])
         chosen = _promising(level, minutes, _MOST_EVALUATED)
         kept = set(_promising(level, minutes, _KEPT).tolist())
-        own, inner, names = _quantities(stage, goals, candidates)
+        own, names = values_of(beliefs, aims, stage.outer.x)
+        inner, _ = values_of(beliefs, aims, stage.inner.x)
+        spread = np.concatenate([own, inner]).var(axis=0, ddof=1)
         quantities = tuple(dict.fromkeys(names))
         groups = [np.flatnonzero(np.array(names) == name) for name in quantities]
         evaluated = tuple(_each(
-            lambda i: evaluate(stage, candidates[i], own, inner, keep=i in kept, groups=groups),
+            lambda i: replace(
+                evaluate(stage, candidates[i], own, inner, keep=i in kept, groups=groups),
+                told=all_told[i],
+            ),
             chosen.tolist(), wanted.threads, told, "simulating",
         ))  # fmt: skip
-        chosen, evaluated = _refined(stage, chosen, evaluated, level, minutes, wanted, told)
+        law = local_law(stage)
+        slopes = slopes_of_quantities(stage, aims, spread)
+
+        def sharpened(e: Evaluated) -> Evaluated:
+            if e.gain.ess >= LEAST_DRAWS or e.told is None:
+                return e
+            after = local_spread(law, e.told, slopes, len(inner)).merged(groups, spread)
+            return replace(e, spread=after, local_spread=True)
+
+        evaluated = tuple(map(sharpened, evaluated))
+        evaluated = _refined(stage, law, evaluated, wanted, told)
         told("combining", 0, 1)
-        batch = greedy_batch(stage, evaluated, minutes=wanted.minutes, most=wanted.batch)
+        batch = greedy_batch(stage, evaluated, minutes=wanted.minutes, most=wanted.most, law=law)
         pairs = None
         if len(batch.members) > 1:
-            pairs = best_pair(stage, evaluated, minutes=wanted.minutes)
+            pairs = best_pair(stage, evaluated, minutes=wanted.minutes, law=law)
         told("combining", 1, 1)
     by_gain, by_minute = (
         _ranked([e.gain for e in evaluated], minutes[chosen], wanted.seed, per_minute=flag)
         for flag in (False, True)
     )
-    aims = (
-        rank_for_goal(name, evaluated, quantities.index(name), seed=wanted.seed)
-        for name in dict.fromkeys(goal.label for goal in goals)
-    )
-    spread = np.concatenate([own, inner]).var(axis=0, ddof=1)
     measurement = beliefs.posterior.measurement
     return DesignResult(
         evaluated=evaluated,
@@ -200,45 +243,64 @@ def design_measurements(
         sd_before=np.array([np.sqrt(spread[at].mean()) for at in groups]),
         batch=batch,
         pairs=pairs,
-        goals=tuple(aim for aim in aims if aim is not None),
+        goals=tuple(
+            rank_for_goal(name, evaluated, quantities.index(name), seed=wanted.seed)
+            for name in dict.fromkeys(goal.label for goal in aims)
+        ),
         about=beliefs.about,
         choices=wanted,
     )  # fmt: skip
 
 
 def _refined(
-    stage: Stage, chosen: NDArray[np.int64], evaluated: tuple[Evaluated, ...], level: Array,
-    minutes: Array, wanted: DesignChoices, told: Callable[[str, int, int], None],
-) -> tuple[NDArray[np.int64], tuple[Evaluated, ...]]:  # fmt: skip
-    """Tier 2 for the most promising candidates whose bracket is wide; the others of these go.
+    stage: Stage, law: LocalLaw, evaluated: tuple[Evaluated, ...], wanted: DesignChoices,
+    told: Callable[[str, int, int], None],
+) -> tuple[Evaluated, ...]:  # fmt: skip
+    """Tier 2 for the most promising candidates whose bracket is wide.
 
-    What is left of them would be ranked by numbers that mean little; tier 0 stays for them.
+    For the others the local normal law, where next to no draws are left or the middle of the
+    bracket means nothing; the other wide ones keep it.
     """
-    wide = np.array([e.gain.wide for e in evaluated])
-    if not wide.any():
-        return chosen, evaluated
-    at = np.flatnonzero(wide)
-    best = at[_promising(level[chosen[at]], minutes[chosen[at]], _MOST_REFINED)]
-    best = best[np.argsort(-level[chosen[best]], kind="stable")]
-    needed = np.cumsum([least_work(stage, evaluated[i].candidate) for i in best])
+    wide = np.flatnonzero([e.gain.wide and e.told is not None for e in evaluated])
+    if not wide.size:
+        return evaluated
+    known = surprise(stage)
+    found = list(evaluated)
+    for i in wide:
+        done = found[i]
+        assert done.told is not None
+        value = float((known - law.entropy([done.told])).mean())
+        few = done.gain.bounded or done.gain.ess < LEAST_DRAWS
+        gain = local_gain(law, done.told, known, done.gain) if few else done.gain
+        found[i] = replace(done, gain=gain, local_nats=value)
+    level = np.array([found[i].gain.eig for i in wide])
+    minutes = np.array([found[i].candidate.minutes for i in wide])
+    best = _promising(level, minutes, _MOST_REFINED)
+    best = wide[best[np.argsort(-level[best], kind="stable")]]
+    needed = np.cumsum([least_work(stage, found[i].candidate) for i in best])
     best = best[: max(_FEWEST_REFINED, int(np.searchsorted(needed, _WORK_REFINED)))]
     share = _WORK_REFINED / len(best)
 
     def refine(i: int) -> Evaluated:
-        done = evaluated[i]
-        finer = refined_gain(stage, done.candidate, n_inner=_INNER_REFINED, most_work=share)
-        return replace(done, gain=with_refined(done.gain, finer).settled())
+        done = found[i]
+        assert done.told is not None
+        gain = refined_gain(stage, done.candidate, n_inner=_INNER_REFINED, most_work=share)
+        gain = with_refined(evaluated[i].gain, gain)
+        if gain.bounded:
+            gain = local_gain(law, done.told, known, gain)
+        return replace(done, gain=gain)
 
-    finer = dict(
-        zip(best.tolist(), _each(refine, best.tolist(), wanted.threads, told, "refining"),
-            strict=True)
-    )  # fmt: skip
-    kept = [i for i in range(len(evaluated)) if i in finer or not wide[i]]
-    return chosen[kept], tuple(finer.get(i, evaluated[i]) for i in kept)
+    finer = _each(refine, best.tolist(), wanted.threads, told, "refining")
+    for i, e in zip(best.tolist(), finer, strict=True):
+        found[i] = e
+    return tuple(found)
 
 
 def _ranked(gains: Sequence[Gain], minutes: Array, seed: int, *, per_minute: bool) -> Ranking:
-    """By readings that all gains share, about the mean over all of each: tier 2 has fewer."""
+    """By readings that all gains share, about the mean over all of each: tier 2 has fewer.
+
+    Of the local normal law the bracket says little.
+    """
     n = min(g.terms.size for g in gains)
     n_inner = max((g.inner.size for g in gains if g.inner is not None), default=1)
     none = np.zeros(n_inner)
@@ -246,7 +308,10 @@ def _ranked(gains: Sequence[Gain], minutes: Array, seed: int, *, per_minute: boo
         np.array([g.terms[:n] - g.terms[:n].mean() + g.eig for g in gains]), minutes,
         per_minute=per_minute, seed=seed,
         inner=np.array([none if g.inner is None else g.inner for g in gains]),
-        reach=np.array([(g.eig - g.low, g.high - g.eig) if g.wide else (0.0, 0.0) for g in gains]),
+        reach=np.array([
+            (g.eig - g.low, g.high - g.eig) if g.wide and g.method != LOCAL else (0.0, 0.0)
+            for g in gains
+        ]),
     )  # fmt: skip
 
 
@@ -259,24 +324,6 @@ def _promising(level: Array, minutes: Array, most: int) -> NDArray[np.int64]:
     ordered = np.stack([by_gain, by_minute], axis=1).ravel()
     _, first = np.unique(ordered, return_index=True)
     return np.sort(ordered[np.sort(first)][:most])
-
-
-def _quantities(
-    stage: Stage, goals: Sequence[Goal], candidates: Sequence[Candidate]
-) -> tuple[Array, Array, tuple[str, ...]]:
-    """Parameters and goals at the outer and inner sets; a scan counts by its mean variance."""
-    b = stage.beliefs
-    columns = [b.posterior.parameter_names.index(name) for name in b.about]
-    own, inner = [stage.outer.x[:, columns]], [stage.inner.x[:, columns]]
-    scan = next((c.theta_r_deg for c in candidates if c.theta_r_deg), tuple(range(-80, 81)))
-    for goal in goals:
-        angles = np.array(scan)[:: max(1, len(scan) // 20)]
-        own.append(goal_values(b.posterior, goal, stage.outer.x, angles))
-        inner.append(goal_values(b.posterior, goal, stage.inner.x, angles))
-    names = [*b.about]
-    for goal, values in zip(goals, own[1:], strict=True):
-        names += [goal.label] * values.shape[1]
-    return np.concatenate(own, axis=1), np.concatenate(inner, axis=1), tuple(names)
 
 
 def _each(

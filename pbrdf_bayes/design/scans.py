@@ -10,6 +10,7 @@ so that a repeat of what is known well tells nothing new.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -130,6 +131,29 @@ def scan_geometry(theta_i_deg: float, theta_r_deg: Array, polarization: str) -> 
         theta_i=np.full(n, np.deg2rad(theta_i_deg)), theta_r=np.deg2rad(theta_r_deg),
         phi_r=np.zeros(n), polarization=np.full(n, polarization),
         dhr_theta_i=np.zeros(0), dhr_polarization=np.zeros(0, np.str_),
+    )  # fmt: skip
+
+
+def measured_rows(posterior: Posterior, scans: Sequence[Scan]) -> PlannedScan:
+    """Scans of one geometry that were measured, as if they were still to be."""
+    m, first = posterior.measurement, scans[0]
+    rows = [np.arange(s.start, s.stop) for s in scans]
+    rows = [r[~posterior.rows.censored[r]] for r in rows]
+    every = np.concatenate(rows)
+    order = every[np.argsort(m.brdf.theta_r_deg[every], kind="stable")]
+    of_row = dict(zip(every.tolist(), np.repeat(range(len(rows)), [r.size for r in rows]),
+                      strict=True))  # fmt: skip
+    theta_r, n = m.brdf.theta_r_deg[order], order.size
+    geometry = prepare_geometry(
+        theta_i=np.full(n, np.deg2rad(first.theta_i_deg)), theta_r=np.deg2rad(theta_r),
+        phi_r=np.full(n, np.deg2rad(first.phi_r_deg)),
+        polarization=np.full(n, first.polarization),
+        dhr_theta_i=np.zeros(0), dhr_polarization=np.zeros(0, np.str_),
+    )  # fmt: skip
+    return PlannedScan(
+        polarization=first.polarization, geometry=geometry, theta_r_deg=theta_r,
+        scan=np.array([of_row[row] for row in order.tolist()], dtype=np.int64),
+        new=np.ones(n, dtype=bool), y=posterior.rows.y[order], key=(),
     )  # fmt: skip
 
 

@@ -12,7 +12,6 @@ from pbrdf_bayes import __version__
 from pbrdf_bayes.design.batches import Batch
 from pbrdf_bayes.design.candidates import Candidate, distinct_labels
 from pbrdf_bayes.design.for_goals import GoalRanking
-from pbrdf_bayes.design.nested import LEAST_DRAWS, Gain, difference
 from pbrdf_bayes.design.run import DesignResult
 from pbrdf_bayes.design.words import recommend
 
@@ -53,9 +52,10 @@ def summarise_design(result: DesignResult, run: Mapping[str, Any] | None) -> dic
         "goals": [_goal(aim, result, labels) for aim in result.goals],
         "choices": {
             "n_outer": choices.n_outer, "n_inner": choices.n_inner,
-            "n_nuisance": choices.n_nuisance, "batch": choices.batch,
+            "n_nuisance": choices.n_nuisance, "batch": choices.most,
             "minutes": _or_none(choices.minutes),
         },
+        "p_best_readings": result.by_gain.n_readings,
         "seed": choices.seed,
     }  # fmt: skip
     if result.pairs is not None:
@@ -63,13 +63,14 @@ def summarise_design(result: DesignResult, run: Mapping[str, Any] | None) -> dic
         found["pairs"] = {
             "best": _batch(pairs.best, labels), "greedy": _batch(pairs.greedy, labels),
             "gap_nats": pairs.gap, "gap_se": pairs.gap_se, "n_compared": pairs.n_compared,
+            "method": pairs.method,
         }  # fmt: skip
     found["recommendation"] = "\n".join(recommend(found))
     return found
 
 
 def _run(summary: Mapping[str, Any]) -> dict[str, Any]:
-    keys = ("sample", "wavelength_um", "created_utc", "verdict", "seed")
+    keys = ("sample", "wavelength_um", "created_utc", "status", "verdict", "seed")
     return {key: summary[key] for key in keys} | {
         "applicability": (summary.get("applicability") or {}).get("verdict")
     }
@@ -89,6 +90,8 @@ def _evaluated(result: DesignResult, labels: Labels) -> list[dict[str, Any]]:
                 "eig_se": gain.se,
                 "eig_low": gain.low,
                 "eig_high": gain.high,
+                "eig_method": gain.method,
+                "local_nats": done.local_nats,
                 "ess": gain.ess,
                 "eig_per_minute": gain.eig / minutes,
                 "eig_per_minute_se": gain.se / minutes,
@@ -100,8 +103,9 @@ def _evaluated(result: DesignResult, labels: Labels) -> list[dict[str, Any]]:
                 "tied_per_minute": bool(by_minute.tied[i]),
                 "pareto": bool(by_gain.pareto[i]),
                 "repeat": bool(result.repeats[i]),
+                "sd_method": "local" if done.local_spread else "nested",
                 "sd_ratio": {
-                    name: _ratio(float(ratio), float(se), gain.ess) for name, ratio, se in ratios
+                    name: {"ratio": float(ratio), "se": float(se)} for name, ratio, se in ratios
                 },
             }
         )
@@ -109,8 +113,9 @@ def _evaluated(result: DesignResult, labels: Labels) -> list[dict[str, Any]]:
 
 
 _NOT_COMPUTED = (
-    "eig_nats", "eig_se", "eig_low", "eig_high", "ess", "eig_per_minute", "eig_per_minute_se",
-    "p_best", "p_best_per_minute", "tied", "tied_per_minute", "pareto", "repeat", "sd_ratio",
+    "eig_nats", "eig_se", "eig_low", "eig_high", "eig_method", "local_nats", "ess",
+    "eig_per_minute", "eig_per_minute_se", "p_best", "p_best_per_minute", "tied",
+    "tied_per_minute", "pareto", "repeat", "sd_method", "sd_ratio",
 )  # fmt: skip
 
 
@@ -147,10 +152,10 @@ def describe(candidate: Candidate, label: str) -> dict[str, Any]:
 
 def _batch(batch: Batch, labels: Labels) -> dict[str, Any]:
     rows: list[dict[str, Any]] = []
-    before: Gain | None = None
     spent = 0.0
-    for member, gain in zip(batch.members, batch.gains, strict=True):
-        added, added_se = difference(gain, before)
+    for member, gain, (added, added_se) in zip(
+        batch.members, batch.gains, batch.added, strict=True
+    ):
         spent += member.candidate.minutes
         rows.append(
             describe(member.candidate, labels[member.candidate])
@@ -160,27 +165,29 @@ def _batch(batch: Batch, labels: Labels) -> dict[str, Any]:
                 "cumulative_se": gain.se,
                 "added_nats": added,
                 "added_se": added_se,
+                "method": gain.method,
             }
         )
-        before = gain
+    last = batch.gains[-1] if batch.gains else None
     return {
         "members": rows,
         "eig_nats": batch.eig,
-        "eig_se": 0.0 if before is None else before.se,
+        "eig_se": 0.0 if last is None else last.se,
         "eig_low": max((gain.low for gain in batch.gains), default=0.0),  # more never tells less
-        "eig_high": 0.0 if before is None else before.high,
+        "eig_high": 0.0 if last is None else last.high,
         "minutes": batch.minutes,
-        "cut_short": batch.cut_short,
+        "method": "nested" if last is None else last.method,
     }
 
 
 def _goal(aim: GoalRanking, result: DesignResult, labels: Labels) -> dict[str, Any]:
     """Candidates by what they do for one prediction, the best first."""
     rows = []
-    for i in np.argsort(-aim.reduction, kind="stable"):
-        candidate = result.evaluated[aim.members[i]].candidate
-        reduction, se, minutes = float(aim.reduction[i]), float(aim.se[i]), candidate.minutes
-        left = float(np.sqrt(max(1.0 - reduction, 0.0)))
+    for i in np.argsort(aim.left, kind="stable"):
+        done = result.evaluated[i]
+        candidate, minutes = done.candidate, done.candidate.minutes
+        reduction, se = 1.0 - float(aim.left[i]), float(aim.left_se[i])
+        left = float(np.sqrt(aim.left[i]))
         rows.append(
             {
                 "label": labels[candidate], "quantity": candidate.quantity, "minutes": minutes,
@@ -194,20 +201,17 @@ def _goal(aim: GoalRanking, result: DesignResult, labels: Labels) -> dict[str, A
                 "tied": bool(aim.by_measurement.tied[i]),
                 "tied_per_minute": bool(aim.by_minute.tied[i]),
                 "pareto": bool(aim.by_measurement.pareto[i]),
+                "method": "local" if done.local_spread else "nested",
+                "theta_i_deg": candidate.theta_i_deg, "polarization": candidate.polarization,
+                "port_deg": candidate.port_deg or None,
             }
         )  # fmt: skip
     return {
         "name": aim.name,
         "sd_before": float(result.sd_before[result.quantities.index(aim.name)]),
-        "n_untold": len(result.evaluated) - len(rows),
+        "p_best_readings": aim.by_measurement.n_readings,
         "candidates": rows,
     }
-
-
-def _ratio(ratio: float, se: float, ess: float) -> dict[str, float | None]:
-    if ess < LEAST_DRAWS or not ratio > 0.0:
-        return {"ratio": None, "se": None}
-    return {"ratio": ratio, "se": se}
 
 
 def _or_none(value: float) -> float | None:

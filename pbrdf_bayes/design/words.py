@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from itertools import groupby
 from typing import Any
 
-from pbrdf_bayes.design.nested import UNBOUNDED, WIDE
+from pbrdf_bayes.design.nested import WIDE
 from pbrdf_bayes.design.ranking import span_of_angles
 
 Record = Mapping[str, Any]
@@ -15,6 +15,8 @@ WORTH_NATS = 0.05
 """Gain below which no measurement is recommended [nat]."""
 WIDE_NATS = 0.2
 """Bracket of the estimator from which on it is told instead of the standard error [nat]."""
+LOCAL = "local"
+LOCAL_WORDS = "local normal approximation"
 _CLEAR = 2.0
 _CLOSE = 0.7
 _MOST_GROUPS = 3
@@ -57,8 +59,6 @@ def recommend(design: Record) -> list[str]:
 
 def worth(row: Record) -> bool:
     """Whether a gain is worth a measurement, and not chance of the calculation."""
-    if _bounded(row):
-        return bool(row["eig_low"] >= WORTH_NATS)
     return bool(row["eig_nats"] >= WORTH_NATS and row["eig_nats"] > _CLEAR * row["eig_se"])
 
 
@@ -88,11 +88,21 @@ def _caveat(design: Record) -> str:
     run = design["run"]
     if run is None:
         return ""
-    if run["verdict"] == "FAIL" or run["applicability"] == "does not apply":
+    if run.get("status", "done") != "done":
+        return (
+            "The sampler did not converge: the draws that this rests on are provisional. Resume "
+            "the fit, or fit again with a higher --accuracy, and ask again."
+        )
+    if run["applicability"] == "does not apply":
         return (
             "The model does not describe this sample (verdict of the fit: "
             f"{run['verdict']}): its parameters are fitted numbers, not constants of the "
             "material, and what follows holds for these numbers only."
+        )
+    if run["verdict"] == "FAIL":
+        return (
+            "The verdict of the fit is FAIL: see its report for what failed. What follows holds "
+            "for these draws only."
         )
     return ""
 
@@ -107,55 +117,43 @@ def _nats(value: float) -> str:
     return f"+{text}" if float(text) else text
 
 
-def _bounded(row: Record) -> bool:
-    """Whether little more than a lower bound of the gain is known."""
-    return bool(row["eig_high"] - row["eig_low"] > UNBOUNDED)
+def _local(row: Record) -> bool:
+    """Whether a gain is of the local normal approximation."""
+    return bool(row.get("eig_method", row.get("method")) == LOCAL)
 
 
 def _wide(row: Record) -> bool:
-    return bool(row["eig_high"] - row["eig_low"] > WIDE_NATS)
+    return bool(row["eig_high"] - row["eig_low"] > WIDE_NATS) and not _local(row)
 
 
 def _gain(row: Record) -> str:
     """A gain with its error, or with its bracket where that is wide."""
-    if _bounded(row):
-        return f"at least {_nats(row['eig_low'])} nat"
     if _wide(row):
         return f"between {_nats(row['eig_low'])} and {_nats(row['eig_high'])} nat"
     se = f"{row['eig_se']:.2f}" if row["eig_se"] >= 0.005 else "0.01"
-    return f"{_nats(row['eig_nats'])} ± {se} nat"
+    of = f" ({LOCAL_WORDS})" if _local(row) else ""
+    return f"{_nats(row['eig_nats'])} ± {se} nat{of}"
 
 
 def _percent(share: float) -> str:
-    return f"{100.0 * share:.0f} %" if share >= 0.01 else "under 1 %"
+    """A share; of small ones one decimal."""
+    if share < 0.001:
+        return "under 0.1 %"
+    return f"{100.0 * share:.0f} %" if share >= 0.0995 else f"{100.0 * share:.1f} %"
 
 
 def _best(best: Record, design: Record, about: str) -> str:
     words = (
         f"take the {best['label']} next ({minutes(best['minutes'])}): {_gain(best)} about {about}"
     )
-    if _bounded(best):
-        words += (
-            ", the largest lower bound of all. So little is known that gains are only bounded, and "
-            "these bounds say little of their order."
-        )
-    else:
-        plain = _wide(best) and best["eig_high"] - best["eig_low"] <= WIDE
-        words += "; more draws would narrow that (--draws)." if plain else "."
+    plain = _wide(best) and best["eig_high"] - best["eig_low"] <= WIDE
+    words += "; more draws would narrow that (--draws)." if plain else "."
     ratios = {name: found["ratio"] for name, found in best["sd_ratio"].items()}
-    known = {name: ratio for name, ratio in ratios.items() if ratio is not None}
-    inferred = [name for name in design["about"] if name in known]
-    if inferred:
-        sharpest = min(inferred, key=lambda name: known[name])
-        goals = [name for name in known if name not in design["about"]][:_MOST_GOALS]
-        shrunk = [f"of {name} to {_percent(known[name])}" for name in (sharpest, *goals)]
-        words += f" It is expected to bring the standard deviation {listed(shrunk)} of what it is "
-        words += "now."
-    else:
-        words += (
-            " So much is gained that few of the draws remain plausible after it: by how much each "
-            "parameter sharpens cannot be told from them."
-        )
+    sharpest = min(design["about"], key=lambda name: ratios[name])
+    goals = [name for name in ratios if name not in design["about"]][:_MOST_GOALS]
+    shrunk = [f"of {name} to {_percent(ratios[name])}" for name in (sharpest, *goals)]
+    words += f" It is expected to bring the standard deviation {listed(shrunk)} of what it is now"
+    words += f" ({LOCAL_WORDS})." if best.get("sd_method") == LOCAL else "."
     if best["repeat"]:
         words += " It repeats a geometry that has been measured: less noise there tells more."
     return words
@@ -171,8 +169,7 @@ def _others(rows: Sequence[Record]) -> str:
         groups = _groups(tied, rows)
         more = len(groups) - _MOST_GROUPS
         words = "; ".join(groups[:_MOST_GROUPS]) + (f"; and {more} more" if more > 0 else "")
-        why = ", whose bounds overlap" if any(_bounded(row) for row in (best, *tied)) else ""
-        return f"Not told apart from it by the calculation{why}: {words}."
+        return f"Not told apart from it by the calculation: {words}."
     if _wide(best) or _wide(rest[0]):
         return f"The next best, the {rest[0]['label']}, gives less: {_gain(rest[0])}."
     share = rest[0]["eig_nats"] / best["eig_nats"]
@@ -206,15 +203,10 @@ def _by_minute(rows: Sequence[Record]) -> str:
     best, first = rows[0], max(rows, key=lambda row: row["eig_per_minute"])
     if len(rows) == 1:
         return ""
-    if best["tied_per_minute"] and _bounded(best):
-        return ""
     if best["tied_per_minute"]:
         return "It is also the best for each minute."
     if not worth(first):
         return ""
-    if _bounded(best):
-        time = minutes(first["minutes"])
-        return f"For each minute the {first['label']} is best: {_gain(first)} in {time}."
     share, time = first["eig_nats"] / best["eig_nats"], first["minutes"] / best["minutes"]
     return (
         f"For each minute the {first['label']} is best: {_percent(share)} of that gain in "
@@ -227,21 +219,19 @@ def _together(design: Record, best: Record) -> str:
     members, budget = batch["members"], batch["budget_minutes"]
     if not members:
         return ""
-    stop = ""
-    if batch.get("cut_short"):
-        stop = (
-            "What to take after that cannot be told yet: too few of the draws would remain "
-            "plausible. Measure, fit and ask again."
-        )
     if budget is None and len(members) == 1:
-        return stop
+        return ""
     start = "One after the other" if budget is None else f"With {minutes(budget)}"
     labels = ", then ".join(row["label"] for row in members)
-    words = f"{start}: {labels}: {'together ' * (len(members) > 1)}{_gain(batch)} in "
+    whole = batch | {"method": members[0].get("method")}
+    words = f"{start}: {labels}: {'together ' * (len(members) > 1)}{_gain(whole)} in "
     words += f"{minutes(batch['minutes'])}."
     if budget is not None and best["minutes"] > budget:
         words += f" The {best['label']} takes longer than that."
-    return f"{words} {stop}".rstrip()
+    local = [row.get("method") == LOCAL for row in members]
+    if any(local[1:]):
+        words += f" What it adds from no. {local.index(True, 1) + 1} on is by the {LOCAL_WORDS}."
+    return words
 
 
 def _pair(design: Record) -> str:
@@ -251,7 +241,8 @@ def _pair(design: Record) -> str:
     names = " with ".join(row["label"] for row in pairs["best"]["members"])
     return (
         f"Of {pairs['n_compared']} pairs compared {names} tells most: "
-        f"{pairs['gap_nats']:.2f} nat more than the two that are best one after the other."
+        f"{pairs['gap_nats']:.2f} nat more than the two that are best one after the other"
+        + (f" ({LOCAL_WORDS})." if pairs.get("method") == LOCAL else ".")
     )
 
 
@@ -269,6 +260,7 @@ def _for_goal(goal: Record) -> str:
     tied = sum(row["tied"] for row in rows) - 1
     words = f"for {goal['name']} the {best['label']} (standard deviation to "
     words += _percent(best["sd_ratio"])
+    words += f", {LOCAL_WORDS}" if best.get("method") == LOCAL else ""
     words += f", {tied} more not told apart)" if tied else ")"
     if not best["tied_per_minute"]:
         words += f" and for each minute the {first['label']}"

@@ -9,6 +9,7 @@ from pbrdf_bayes.report import design_tables
 from pbrdf_bayes.report.figures_design import (
     KINDS,
     gain_pictures,
+    goal_pictures,
     minutes_picture,
     shrinkage_picture,
 )
@@ -17,7 +18,6 @@ from pbrdf_bayes.report.page import environment
 from pbrdf_bayes.report.panel import LOOKS
 
 _SHOWN = 10
-_FEW_DRAWS = 10.0
 
 
 def render_design(design: Mapping[str, Any]) -> str:
@@ -51,8 +51,14 @@ def render_design(design: Mapping[str, Any]) -> str:
         plan=design_tables.plan_rows(design["batch"]), pairs=_pairs(design),
         goals=design_tables.goal_tables(design),
         facts=_facts(design), repeats=any(r["repeat"] for r in rows),
+        goal_pictures=goal_pictures(design.get("goals", ())),
+        any_local=any(r.get("eig_method") == design_tables.LOCAL for r in rows),
+        sd_local=any(r.get("sd_method") == design_tables.LOCAL for r in rows[:_SHOWN]),
+        plan_local=any(r.get("method") == design_tables.LOCAL for r in design["batch"]["members"]),
+        readings=count(design.get("p_best_readings", design["choices"]["n_outer"])),
         n_more=design["n_evaluated"] - min(_SHOWN, len(rows)),
-        n_screened=design["n_candidates"] - design["n_evaluated"],
+        n_screened=count(design["n_candidates"] - design["n_evaluated"]),
+        screened=design["n_candidates"] > design["n_evaluated"],
     )  # fmt: skip
 
 
@@ -75,15 +81,16 @@ def _pairs(design: Mapping[str, Any]) -> str:
         " and ".join(row["label"] for row in pairs[key]["members"]) for key in ("best", "greedy")
     )
     se = fixed(max(pairs["gap_se"], 0.01), 2)
+    local = " (local normal approximation)" if pairs.get("method") == design_tables.LOCAL else ""
     if pairs["gap_nats"] <= 0.0:
         return (
             f"Of {count(pairs['n_compared'])} pairs of the most promising candidates none beats "
-            f"{greedy}, which are best one after the other."
+            f"{greedy}, which are best one after the other{local}."
         )
     return (
         f"Of {count(pairs['n_compared'])} pairs of the most promising candidates the best is "
         f"{best}, {fixed(pairs['gap_nats'], 2)} ± {se} nat beyond {greedy}, which are best one "
-        "after the other."
+        f"after the other{local}."
     )
 
 
@@ -91,7 +98,7 @@ def _facts(design: Mapping[str, Any]) -> list[tuple[str, str]]:
     choices, rows = design["choices"], design_tables.evaluated(design)
     best = rows[0]
     widest = max(rows, key=lambda row: row["eig_high"] - row["eig_low"])
-    few = sum(row["ess"] < _FEW_DRAWS for row in rows)
+    few = sum(row.get("sd_method") == design_tables.LOCAL for row in rows)
     budget = choices["minutes"]
     facts = [
         ("simulated paints", count(choices["n_outer"])),
@@ -102,12 +109,17 @@ def _facts(design: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("effective draws of the best", number(best["ess"])),
         ("linear estimate of the best",
          f"{fixed(best['linear_nats'], 2)} ± {fixed(max(best['linear_se'], 0.01), 2)} nat"),
+        ("chance to be best rests on",
+         f"{count(design.get('p_best_readings', choices['n_outer']))} simulated readings"),
+        ("candidates only screened by the linear estimate",
+         count(design["n_candidates"] - design["n_evaluated"])),
         ("budget", "none" if budget is None else f"{number(budget)} min"),
+        ("measurements together at most", count(choices["batch"])),
         ("seed", str(design["seed"])),
         ("version", f"pbrdf_bayes {design['version']}"),
     ]  # fmt: skip
     if few:
-        facts.insert(5, ("candidates with under 10 effective draws", count(few)))
+        facts.insert(5, ("candidates by the local normal approximation", count(few)))
     return facts
 
 

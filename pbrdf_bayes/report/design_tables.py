@@ -16,8 +16,9 @@ _BEST_FOR_GOAL = {
     "tied": "reduction", "tied_per_minute": "reduction a minute", "pareto": "reduction and minutes",
 }  # fmt: skip
 _OF_GOAL = 5
-_UNBOUNDED = 1.0
-"""Bracket [nat] beyond which only its lower end is told."""
+LOCAL = "local"
+"""Method of what is by the local normal approximation."""
+_MARK = "*"
 
 
 def next_section(design: Record) -> dict[str, Any]:
@@ -53,19 +54,28 @@ def _candidate_row(row: Record, places: int, places_per_minute: int) -> dict[str
         "minutes": number(row["minutes"]),
         "gain": _gain(row, places),
         "bracket": f"{fixed(row['eig_low'], places)} to {fixed(row['eig_high'], places)}",
+        "local": LOCAL in (row.get("eig_method"), row.get("sd_method")),
         "per_minute": fixed(row["eig_per_minute"], places_per_minute),
         "p_best": _percent(row["p_best"]),
         "p_best_per_minute": _percent(row["p_best_per_minute"]),
         "best": ", ".join(best),
-        "ratios": [_percent(ratio["ratio"]) for ratio in row["sd_ratio"].values()],
+        "ratios": [_left(row, ratio) for ratio in row["sd_ratio"].values()],
     }
 
 
 def _gain(row: Record, places: int) -> str:
-    """A gain with its error; its lower bound where no more is known."""
-    if row["eig_high"] - row["eig_low"] > _UNBOUNDED:
-        return f"at least {fixed(max(row['eig_low'], 0.0), 1)}"
-    return f"{fixed(row['eig_nats'], places)} ± {fixed(row['eig_se'], places)}"
+    """A gain with its error."""
+    mark = _MARK if row.get("eig_method") == LOCAL else ""
+    return f"{fixed(row['eig_nats'], places)} ± {fixed(row['eig_se'], places)}{mark}"
+
+
+def _left(row: Record, ratio: Mapping[str, Any]) -> str:
+    """Standard deviation after over before with its error."""
+    if ratio["ratio"] is None:
+        return MISSING
+    mark = _MARK if LOCAL in (row.get("sd_method"), row.get("method")) else ""
+    places = 0 if ratio["ratio"] >= 0.1 else 1
+    return _with_error(ratio["ratio"], ratio["se"], places) + mark
 
 
 def goal_tables(design: Record) -> list[dict[str, Any]]:
@@ -81,7 +91,7 @@ def _goal_table(goal: Record) -> dict[str, Any]:
         "name": goal["name"],
         "rows": [_goal_row(row) for row in shown],
         "n_more": len(rows) - len(shown),
-        "n_untold": goal["n_untold"],
+        "local": any(row.get("method") == LOCAL for row in shown),
     }
 
 
@@ -92,7 +102,7 @@ def _goal_row(row: Record) -> dict[str, str]:
         "minutes": number(row["minutes"]),
         "reduction": _with_error(row["reduction"], row["reduction_se"], 1),
         "per_minute": _with_error(row["reduction_per_minute"], row["reduction_per_minute_se"], 2),
-        "left": _percent(row["sd_ratio"]),
+        "left": _left(row, {"ratio": row["sd_ratio"], "se": row["sd_ratio_se"]}),
         "p_best": _percent(row["p_best"]),
         "p_best_per_minute": _percent(row["p_best_per_minute"]),
         "best": ", ".join(best),
@@ -113,7 +123,8 @@ def plan_rows(batch: Record) -> list[dict[str, str]]:
             "readings": count(row["n_readings"]),
             "minutes": number(row["minutes"]),
             "spent": number(row["cumulative_minutes"]),
-            "added": f"{fixed(row['added_nats'], 2)} ± {fixed(max(row['added_se'], 0.01), 2)}",
+            "added": f"{fixed(row['added_nats'], 2)} ± {fixed(max(row['added_se'], 0.01), 2)}"
+            + _MARK * (row.get("method") == LOCAL),
             "gain": fixed(row["cumulative_nats"], 2),
         }
         for i, row in enumerate(batch["members"], start=1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -27,12 +27,14 @@ KINDS = {
 """Quantities of candidates: words and symbol."""
 _TEXT = 10.5
 _MOST_LABELS = 5
+_BESIDE = {"s": -0.014, "p": 0.0, "u": 0.014}
+"""Where many cost the same: polarisations beside each other, in shares of the axis."""
 _SYMBOLS = {"sigma_n0": "σ_N0", "rho0": "ρ_0"}
 _LOWERED = {"_s": "ₛ", "_p": "ₚ", "_u": "ᵤ"}
 
 
 def gain_pictures(rows: Sequence[Record], *, per_minute: bool) -> list[Picture]:
-    """Gain against the angle of incidence, one picture for each quantity, all to one scale.
+    """Gain against the angle of incidence, one picture for each quantity, each to its scale.
 
     Parameters
     ----------
@@ -43,47 +45,94 @@ def gain_pictures(rows: Sequence[Record], *, per_minute: bool) -> list[Picture]:
     """
     key = "eig_per_minute" if per_minute else "eig_nats"
     error = f"{key}_se" if per_minute else "eig_se"
-    top = max(r[key] + r[error] for r in rows)
-    low = min(0.0, *(r[key] - r[error] for r in rows))
-    limits = (low - 0.04 * (top - low), top + 0.06 * (top - low))
     with figure_style():
         return [
-            _gain(kind, [r for r in rows if r["quantity"] == kind], key, error, limits)
+            _gain(kind, here, key, error)
             for kind in KINDS
-            if any(r["quantity"] == kind for r in rows)
+            if (here := [r for r in rows if r["quantity"] == kind])
         ]
 
 
-def _gain(
-    kind: str, rows: Sequence[Record], key: str, error: str, limits: tuple[float, float]
-) -> Picture:
-    words, marker = KINDS[kind]
+def _gain(kind: str, rows: Sequence[Record], key: str, error: str) -> Picture:
+    words, _ = KINDS[kind]
     unit = "nat" if key == "eig_nats" else "nat a minute"
-    axes = _axes(344, 236, (46, 38, 288, 168), f"expected gain [{unit}]")
-    axes.set_xlim(-3.0, 92.0)
-    axes.set_ylim(*limits)
-    axes.set_xticks([0, 30, 60, 90], ["0°", "30°", "60°", "90°"])
-    axes.set_xlabel("incidence angle θ_i", fontsize=_TEXT, color=INK, labelpad=3)
-    for q, look in LOOKS.items():
-        here = sorted((r for r in rows if r["polarization"] == q), key=lambda r: r["theta_i_deg"])
-        x = [r["theta_i_deg"] for r in here]
-        y, u = np.array([r[key] for r in here]), np.array([r[error] for r in here])
-        once = len(set(x)) == len(x)
-        dash: Any = (0, look.dash) if look.dash else "-"
-        if once:
-            axes.plot(x, y, color=look.color, linewidth=1.1, linestyle=dash)
-        axes.errorbar(x, y, u, color=look.color, linestyle="none", elinewidth=1.0)
-        for row, a, b in zip(here, x, y, strict=True):
-            face = "white" if row["repeat"] else look.color
-            axes.plot(a, b, marker, markersize=4.6, color=look.color, markerfacecolor=face)
+    top = max(r[key] + r[error] for r in rows)
+    low = min(0.0, *(r[key] - r[error] for r in rows))
+    axes = _against_incidence(f"expected gain [{unit}]")
+    axes.set_ylim(low - 0.04 * (top - low), top + 0.06 * (top - low))
+    _curves(axes, rows, lambda r: (r[key], r[error]))
     best = max(rows, key=lambda r: r[key])
     label = f"{words}: expected gain in {unit} against incidence; the largest is that of "
     label += f"{best['label']}, {number(best[key])} {unit}"
     return Picture(_drawn(axes.figure, f"gain-{kind}-{unit[4:7]}", label), words, ())
 
 
+def goal_pictures(goals: Sequence[Record]) -> list[Picture]:
+    """Standard deviation left of each goal against the angle of incidence."""
+    with figure_style():
+        return [
+            _goal(goal, i) for i, goal in enumerate(goals)
+            if all("theta_i_deg" in row for row in goal["candidates"])
+        ]  # fmt: skip
+
+
+def _goal(goal: Record, number_of: int) -> Picture:
+    rows = goal["candidates"]
+    axes = _against_incidence("standard deviation left")
+    top = max(1.0, *(r["sd_ratio"] + r["sd_ratio_se"] for r in rows))
+    axes.set_ylim(0.0, 1.06 * top)
+    axes.set_yticks([0.0, 0.5, 1.0])
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{100.0 * v:.0f} %"))
+    for kind in KINDS:
+        here = [r for r in rows if r["quantity"] == kind]
+        _curves(axes, here, lambda r: (r["sd_ratio"], r["sd_ratio_se"]))
+    best = min(rows, key=lambda r: r["sd_ratio"])
+    label = f"{goal['name']}: standard deviation left against incidence; the smallest is that of "
+    label += f"{best['label']}, {fixed(100.0 * best['sd_ratio'], 1)} %"
+    return Picture(_drawn(axes.figure, f"goal-{number_of}", label), _symbol(goal["name"]), ())
+
+
+def _against_incidence(title: str) -> Axes:
+    axes = _axes(344, 236, (46, 38, 288, 168), title)
+    axes.set_xlim(-3.0, 92.0)
+    axes.set_xticks([0, 30, 60, 90], ["0°", "30°", "60°", "90°"])
+    axes.set_xlabel("incidence angle θ_i", fontsize=_TEXT, color=INK, labelpad=3)
+    return axes
+
+
+def _curves(
+    axes: Axes, rows: Sequence[Record], value: Callable[[Record], tuple[float, float]]
+) -> None:
+    """A value with its error against incidence, a line for each polarisation."""
+    for q, look in LOOKS.items():
+        here = sorted((r for r in rows if r["polarization"] == q), key=lambda r: r["theta_i_deg"])
+        x = [r["theta_i_deg"] for r in here]
+        pairs = [value(r) for r in here]
+        y, u = np.array([v for v, _ in pairs]), np.array([e for _, e in pairs])
+        once = len(set(x)) == len(x)
+        dash: Any = (0, look.dash) if look.dash else "-"
+        if once:
+            axes.plot(x, y, color=look.color, linewidth=1.1, linestyle=dash)
+        axes.errorbar(x, y, u, color=look.color, linestyle="none", elinewidth=1.0)
+        for row, a, b in zip(here, x, y, strict=True):
+            face = "white" if row.get("repeat") else look.color
+            axes.plot(
+                a,
+                b,
+                KINDS[row["quantity"]][1],
+                markersize=4.6,
+                color=look.color,
+                markerfacecolor=face,
+            )
+
+
 def minutes_picture(rows: Sequence[Record]) -> Markup:
-    """Gain against minutes with the candidates that no other one beats in both."""
+    """Gain against minutes with the candidates that no other one beats in both.
+
+    Nothing where all cost the same.
+    """
+    if len({r["minutes"] for r in rows}) == 1:
+        return Markup()
     with figure_style():
         axes = _axes(344, 300, (46, 38, 288, 232), "expected gain [nat]")
         minutes = np.array([r["minutes"] for r in rows])
@@ -99,8 +148,9 @@ def minutes_picture(rows: Sequence[Record]) -> Markup:
         for row in rows:
             look, marker = LOOKS[row["polarization"]], KINDS[row["quantity"]][1]
             face = look.color if row["pareto"] else "none"
-            axes.plot(row["minutes"], row["eig_nats"], marker, color=look.color, markersize=4.6,
-                      markerfacecolor=face, markeredgewidth=0.9)  # fmt: skip
+            beside = _BESIDE[row["polarization"]] * minutes.max() * (not row["pareto"])
+            axes.plot(row["minutes"] + beside, row["eig_nats"], marker, color=look.color,
+                      markersize=4.6, markerfacecolor=face, markeredgewidth=0.9)  # fmt: skip
         for row in front[-_MOST_LABELS:]:
             right = row["minutes"] > 0.55 * minutes.max()
             axes.annotate(

@@ -14,11 +14,11 @@ from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.verbs.arguments import DONE, add_verb, angles, grid, interrupted, seed, words
 
 _BEST_SHOWN = 10
-_UNBOUNDED = 1.0
-"""Bracket [nat] beyond which only its lower end is told."""
+_LOCAL = "local"
 _EPILOG = """\
 goals: dhr:Q:THETA_I, brdf:Q:THETA_I:THETA_R, scan:Q:THETA_I or ratio:THETA_I:THETA_R, with Q one of
-s, p, u and angles in degrees; the expected standard deviation of each is told beside the parameters
+s, p, u and angles in degrees; the expected standard deviation of each is told beside the
+parameters. A scan counts by its mean variance at theta_r -80 to 80 by 8 degrees
 
 a CSV of candidates has the columns quantity (brdf, dhr or ddr), polarization, theta_i_deg; optional
 theta_r_lo_deg, theta_r_hi_deg, theta_r_step_deg (brdf), port_deg (ddr), minutes. A
@@ -57,7 +57,10 @@ def add_design(verbs: Any) -> None:
         help="budget of the measurements taken together (none)",
     )
     parser.add_argument(
-        "--batch", type=int, default=4, metavar="K", help="measurements taken together at most (4)"
+        "--batch",
+        type=int,
+        metavar="K",
+        help="measurements taken together at most (4; 20 with --minutes)",
     )
     parser.add_argument(
         "--about",
@@ -101,9 +104,8 @@ def _add_candidates(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--theta-i",
         type=angles,
-        default=angles("0:85:5"),
         metavar="LO:HI:STEP",
-        help="angles of incidence [deg], or a list with commas (0:85:5)",
+        help="angles of incidence [deg], or a list with commas (0:85:5 and every geometry measured)",
     )
     parser.add_argument(
         "--theta-r",
@@ -121,10 +123,10 @@ def _add_candidates(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--port-deg",
-        type=float,
-        default=5.0,
-        metavar="DEG",
-        help="half angle of the specular port of a DDR (5)",
+        type=angles,
+        default=[5.0],
+        metavar="DEG,...",
+        help="half angle of the specular port of a DDR, 0.1 to 45, or several with commas (5)",
     )
 
 
@@ -175,9 +177,10 @@ def _design(options: argparse.Namespace) -> int:
 
     kinds, csv = parse_kinds(options.candidates)
     wanted = Wanted(
-        kinds=kinds, csv=csv, theta_i_deg=tuple(options.theta_i),
+        kinds=kinds, csv=csv,
+        theta_i_deg=None if options.theta_i is None else tuple(options.theta_i),
         theta_r_deg=tuple(options.theta_r), polarizations=tuple(options.polarization),
-        port_deg=options.port_deg,
+        port_deg=tuple(options.port_deg),
         costs=Costs(**{name: getattr(options, name) for name, *_ in _COSTS}),
     )  # fmt: skip
     choices = choices_of(
@@ -206,21 +209,31 @@ def best_table(design: dict[str, Any]) -> str:
     cells = [head, *([
         row["label"], f"{row['minutes']:.3g}", *_gain(row), _unsigned(row["eig_per_minute"], 4),
         f"{100.0 * row['p_best']:.0f} %",
-        *(_percent(row["sd_ratio"][name]["ratio"]) for name in names),
+        *(_left(row, row["sd_ratio"][name]) for name in names),
     ] for row in rows)]  # fmt: skip
     widths = [max(len(line[i]) for line in cells) for i in range(len(head))]
-    return "\n".join(
+    lines = [
         "  ".join([line[0].ljust(widths[0]),
                    *(c.rjust(w) for c, w in zip(line[1:], widths[1:], strict=True))]).rstrip()
         for line in cells
-    )  # fmt: skip
+    ]  # fmt: skip
+    if any(_LOCAL in (row.get("eig_method"), row.get("sd_method")) for row in rows):
+        lines.append("* local normal approximation")
+    return "\n".join([*lines, *_counts(design)])
+
+
+def _counts(design: dict[str, Any]) -> list[str]:
+    """How many candidates were only screened."""
+    n = design.get("n_candidates", 0) - design.get("n_evaluated", 0)
+    if not n:
+        return []
+    return [f"{n} of {design['n_candidates']} candidates were only screened by a linear estimate"]
 
 
 def _gain(row: dict[str, Any]) -> tuple[str, str]:
-    """Gain and error; its lower bound where no more is known."""
-    if row["eig_high"] - row["eig_low"] > _UNBOUNDED:
-        return f">= {max(row['eig_low'], 0.0):.3f}", "-"
-    return _unsigned(row["eig_nats"], 3), f"{row['eig_se']:.3f}"
+    """Gain and error."""
+    mark = "*" if row.get("eig_method") == _LOCAL else ""
+    return _unsigned(row["eig_nats"], 3) + mark, f"{row['eig_se']:.3f}"
 
 
 def _unsigned(value: float, decimals: int) -> str:
@@ -228,5 +241,10 @@ def _unsigned(value: float, decimals: int) -> str:
     return f"{round(value, decimals) + 0.0:.{decimals}f}"
 
 
-def _percent(share: float | None) -> str:
-    return "-" if share is None else f"{100.0 * share:.0f} %"
+def _left(row: dict[str, Any], ratio: dict[str, Any]) -> str:
+    """Standard deviation after over before, with its error."""
+    if ratio["ratio"] is None:
+        return "-"
+    value, se = 100.0 * ratio["ratio"], 100.0 * ratio["se"]
+    places = 0 if value >= 9.95 else 1
+    return f"{value:.{places}f} +- {se:.{places}f} %" + "*" * (row.get("sd_method") == _LOCAL)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from pbrdf_bayes.config import did_you_mean
@@ -15,6 +15,7 @@ from pbrdf_bayes.design.candidates import (
     Candidate,
     Costs,
     list_candidates,
+    repeats,
     usual_scan,
 )
 from pbrdf_bayes.errors import ConfigError, DataError
@@ -30,8 +31,12 @@ _RANGE = ("theta_r_lo_deg", "theta_r_hi_deg", "theta_r_step_deg")
 _OPTIONAL = (*_RANGE, "port_deg", "minutes")
 _OF_PLAN = ("order", "readings", "cumulative_minutes", "expected_gain_nats")
 """Columns of a measurement plan beyond these: a plan can be given back as candidates."""
-_MOST_CANDIDATES = 2000
-"""Rows of a file of candidates: each is simulated many times."""
+_MOST_CANDIDATES = 20_000
+"""Rows of a file of candidates: each is screened, and the promising ones are simulated."""
+_MOST_READINGS_IN_ALL = 2_000_000
+"""Readings of all scans of a file."""
+GRID_DEG = tuple(float(a) for a in range(0, 90, 5))
+"""Angles of incidence where nothing else is said [deg]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,22 +49,23 @@ class Wanted:
         Of the grid; empty for none.
     csv : Path, optional
         Explicit candidates.
-    theta_i_deg : tuple of float
-        Angles of incidence of the grid [deg].
+    theta_i_deg : tuple of float or None
+        Angles of incidence of the grid [deg]; None for every 5 degrees to 85 and every geometry
+        that was measured.
     theta_r_deg : tuple of float
         Of every scan; empty for those that the sample has been scanned with [deg].
     polarizations : tuple of {"s", "p", "u"}
-    port_deg : float
-        Half angle of the specular port of a DDR [deg].
+    port_deg : tuple of float
+        Half angles of the specular port of a DDR [deg].
     costs : Costs
     """
 
     kinds: tuple[str, ...] = tuple(KINDS)
     csv: Path | None = None
-    theta_i_deg: tuple[float, ...] = tuple(float(a) for a in range(0, 90, 5))
+    theta_i_deg: tuple[float, ...] | None = None
     theta_r_deg: tuple[float, ...] = ()
     polarizations: tuple[str, ...] = POLARIZATIONS
-    port_deg: float = 5.0
+    port_deg: tuple[float, ...] = (5.0,)
     costs: Costs = field(default_factory=Costs)
 
 
@@ -114,14 +120,22 @@ def list_wanted(wanted: Wanted, measurement: Measurement | None) -> tuple[Candid
     """
     scan = wanted.theta_r_deg or _scan_so_far(measurement)
     found: tuple[Candidate, ...] = ()
-    if wanted.kinds:
-        found = list_candidates(
-            quantities=[KINDS[kind] for kind in wanted.kinds], theta_i_deg=wanted.theta_i_deg,
+    grid = GRID_DEG if wanted.theta_i_deg is None else wanted.theta_i_deg
+    for kind in wanted.kinds:
+        found += list_candidates(
+            quantities=[KINDS[kind]], theta_i_deg=grid,
             polarizations=wanted.polarizations, theta_r_deg=scan, port_deg=wanted.port_deg,
             costs=wanted.costs,
         )  # fmt: skip
+    if measurement is not None and wanted.theta_i_deg is None:
+        again = repeats(measurement, scan, costs=wanted.costs)
+        wished = {KINDS[kind] for kind in wanted.kinds}
+        found += tuple(
+            c for c in again if c.quantity in wished and c.polarization in wanted.polarizations
+        )
     if wanted.csv is not None:
-        found += read_candidates(wanted.csv, scan, costs=wanted.costs, port_deg=wanted.port_deg)
+        port = wanted.port_deg[0]
+        found += read_candidates(wanted.csv, scan, costs=wanted.costs, port_deg=port)
     return tuple(dict.fromkeys(found))
 
 
@@ -161,17 +175,29 @@ def read_candidates(
     table = open_table(path, read_bytes(path), problems)
     _check_header(path, table.header)
     found: list[Candidate] = []
+    n_readings = 0
+    known: dict[tuple[float, ...], tuple[float, ...]] = {}
     for chunk in table.chunks:
-        if len(found) + len(chunk.line) > _MOST_CANDIDATES or problems.n > _MOST_CANDIDATES:
-            refuse(path, f"more than {_MOST_CANDIDATES} rows (allowed: up to that). Give fewer.")
+        beyond = _MOST_CANDIDATES - len(found) - problems.n
+        if len(chunk.line) > beyond:
+            where = f"line {chunk.line[beyond]}: " if beyond >= 0 else ""
+            refuse(path, f"{where}more than {_MOST_CANDIDATES} rows (allowed: up to that). "
+                         "Give fewer.")  # fmt: skip
         for line, cells in zip(chunk.line.tolist(), zip(*chunk.columns, strict=True), strict=True):
             row = {name: cell.strip() for name, cell in zip(table.header, cells, strict=True)}
             try:
-                found.append(_candidate(row, scan, costs, port_deg))
+                one = _candidate(row, scan, costs, port_deg)
+                same = known.setdefault(one.theta_r_deg, one.theta_r_deg)  # kept once in memory
+                found.append(replace(one, theta_r_deg=same) if same is not one.theta_r_deg else one)
+                n_readings += one.n_readings
             except _CellError as wrong:
                 problems.add(Problem(line, wrong.column, str(wrong)))
             except ConfigError as error:
                 problems.add(Problem(line, "", f"{error}."))
+            if n_readings > _MOST_READINGS_IN_ALL:
+                refuse(path, f"line {line}: the scans have more than {_MOST_READINGS_IN_ALL} "
+                             "readings in all (allowed: up to that). Give fewer rows, or larger "
+                             "theta_r_step_deg.")  # fmt: skip
     if problems.n:
         raise DataError(compose_message(str(path), problems.listed(), problems.n))
     if not found:

@@ -112,7 +112,7 @@ def answer(question: Question, told: Told = lambda *_: None) -> dict[str, Any]:
 def design_next(
     source: Analysis | RunConfig, *, candidates: Sequence[Candidate] = (),
     costs: Costs | None = None, goals: Sequence[str] = (), about: Sequence[str] = (),
-    minutes: float = float("inf"), batch: int = 4, draws: int = 400, seed: int = 1,
+    minutes: float = float("inf"), batch: int | None = None, draws: int = 400, seed: int = 1,
 ) -> dict[str, Any]:  # fmt: skip
     """Which measurement would tell most about a sample, for each and for each minute.
 
@@ -127,18 +127,20 @@ def design_next(
         A finished run; or its choices alone, for a design from their priors before any reading.
     candidates : sequence of Candidate
         What could be measured. By default scans, DHR and DDR for s, p and unpolarised light every
-        5 degrees of incidence to 85, scans as the sample has been scanned so far.
+        5 degrees of incidence to 85, scans as the sample has been scanned so far, and every
+        geometry that was measured.
     costs : Costs, optional
         Minutes at the bench, of the default candidates.
     goals : sequence of str
         Predictions whose sharpening is wanted too: ``dhr:s:70``, ``brdf:p:60:-30``,
-        ``scan:p:60``, ``ratio:60:40`` (polarisation, theta_i, theta_r [deg]).
+        ``scan:p:60``, ``ratio:60:40`` (polarisation, theta_i, theta_r [deg]). A scan counts by its
+        mean variance at theta_r -80 to 80 by 8 degrees.
     about : sequence of str
         Parameters that the information is about: n, k, sigma_n0 and rho0 by default.
     minutes : float
         Budget of the measurements taken together [min].
-    batch : int
-        Measurements taken together at most.
+    batch : int, optional
+        Measurements taken together at most: by default 4, and 20 under a budget of minutes.
     draws : int
         Simulated paints; each is compared with twice as many other draws.
     seed : int
@@ -168,7 +170,7 @@ def design_next(
     return answer(ask(source, wanted, goals=goals, about=about, choices=choices))
 
 
-def choices_of(*, minutes: float, batch: int, draws: int, seed: int) -> DesignChoices:
+def choices_of(*, minutes: float, batch: int | None, draws: int, seed: int) -> DesignChoices:
     """Choices from what a user gives.
 
     Raises

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pbrdf_bayes.design.candidates import Candidate, Costs
 from pbrdf_bayes.errors import ConfigError, DataError
+from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
 from pbrdf_bayes.workflow.candidates_csv import Wanted, list_wanted, parse_kinds, read_candidates
 
 HEADER = "quantity,polarization,theta_i_deg,theta_r_lo_deg,theta_r_hi_deg,theta_r_step_deg,port_deg,minutes\n"
@@ -109,12 +111,43 @@ def test_the_same_candidate_is_there_once(tmp_path: Path) -> None:
     assert len(found) == 3 * 18 + 1
 
 
-def test_more_candidates_than_can_be_simulated_are_refused(tmp_path):
+def test_twenty_thousand_rows_are_read_and_more_are_refused_with_their_line(tmp_path):
     path = tmp_path / "many.csv"
     head = "quantity,polarization,theta_i_deg\n"
-    path.write_text(head + "dhr,s,10\n" * 2000)
-    assert len(read_candidates(path, SCAN, costs=COSTS, port_deg=5.0)) == 2000
+    path.write_text(head + "brdf,s,10\n" * 20_000)
+    found = read_candidates(path, SCAN, costs=COSTS, port_deg=5.0)
+    assert len(found) == 20_000
+    assert len({id(c.theta_r_deg) for c in found}) == 1
     for row in ("dhr,s,10\n", "dhr,s,x\n"):
-        path.write_text(head + row * 4000)
-        with pytest.raises(DataError, match="more than 2000 rows"):
+        path.write_text(head + row * 40_000)
+        with pytest.raises(DataError, match="line 20002: more than 20000 rows"):
             read_candidates(path, SCAN, costs=COSTS, port_deg=5.0)
+
+
+def test_readings_of_all_scans_are_bounded(tmp_path):
+    path = tmp_path / "many.csv"
+    head = "quantity,polarization,theta_i_deg,theta_r_lo_deg,theta_r_hi_deg,theta_r_step_deg\n"
+    path.write_text(head + "brdf,s,10,-90,90,0.1\n" * 1200)
+    with pytest.raises(DataError, match="line 1112: the scans have more than 2000000 readings"):
+        read_candidates(path, SCAN, costs=COSTS, port_deg=5.0)
+
+
+def test_what_was_measured_is_a_candidate_too_unless_angles_are_given() -> None:
+    """Off the grid of 5 degrees as well; each once."""
+    m = simulate_measurement(
+        GREEN_PAINT, seed=1, theta_i_deg=(12.5, 60.0), theta_r_deg=np.arange(-60.0, 61.0, 20.0),
+        dhr_theta_i_deg=(12.5, 50.0),
+    )  # fmt: skip
+    labels = [c.label for c in list_wanted(Wanted(), m)]
+    assert len(labels) == len(set(labels)) == 162 + 4
+    assert {"s scan at 12.5°", "p scan at 12.5°", "DHR_s at 12.5°", "DHR_p at 12.5°"} < set(labels)
+    only = list_wanted(Wanted(kinds=("dhr",), theta_i_deg=(30.0,)), m)
+    assert [c.label for c in only] == ["DHR_s at 30°", "DHR_p at 30°", "DHR_u at 30°"]
+    assert len(list_wanted(Wanted(polarizations=("u",)), m)) == 54
+
+
+def test_several_ports() -> None:
+    found = list_wanted(
+        Wanted(kinds=("ddr",), theta_i_deg=(20.0,), polarizations=("s",), port_deg=(2.0, 5.0)), None
+    )
+    assert [c.label for c in found] == ["DDR_s at 20°, port 2°", "DDR_s at 20°, port 5°"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -94,7 +95,7 @@ def test_goals_are_ranked_as_a_utility(design: dict[str, Any], designed: Path) -
     ratios = {row["label"]: row["sd_ratio"] for row in design["candidates"]}
     for goal in design["goals"]:
         rows = goal["candidates"]
-        assert len(rows) + goal["n_untold"] == design["n_evaluated"]
+        assert len(rows) == design["n_evaluated"]
         reductions = [row["reduction"] for row in rows]
         assert reductions == sorted(reductions, reverse=True)
         assert goal["sd_before"] == pytest.approx(design["sd_before"][goal["name"]])
@@ -125,14 +126,46 @@ def test_a_design_without_goals_has_a_page(design: dict[str, Any]) -> None:
     assert "What you need" not in render_design(older)
 
 
-def test_a_gain_that_is_only_bounded_is_told_as_such(design: dict[str, Any]) -> None:
+def test_a_local_gain_is_marked_as_such(design: dict[str, Any]) -> None:
     from pbrdf_bayes.report.design_page import render_design
 
     first, *rest = design["candidates"]
-    bounded = first | {"eig_nats": 11.5, "eig_low": 11.5, "eig_high": 34.1}
-    page = render_design(design | {"candidates": [bounded, *rest]})
-    assert "at least 11.5" in page
-    assert ">= 11.500" in best_table(design | {"candidates": [bounded, *rest]})
+    local = first | {"eig_nats": 11.5, "eig_low": 8.5, "eig_high": 34.1, "eig_method": "local"}
+    page = render_design(design | {"candidates": [local, *rest]})
+    assert re.search(r"11\.50* ± [\d.]+\*<", page)
+    assert "*: local normal approximation, within the bracket" in page
+    table = best_table(design | {"candidates": [local, *rest]})
+    assert "11.500*" in table
+    assert "* local normal approximation" in table
+    assert "local normal" not in best_table(design)
+
+
+def test_ratios_have_their_errors(design: dict[str, Any]) -> None:
+    ratio = design["candidates"][0]["sd_ratio"]["n"]
+    value, se = 100.0 * ratio["ratio"], 100.0 * ratio["se"]
+    assert f"{value:.0f} +- {se:.0f} %" in best_table(design)
+
+
+def test_cheap_readings_fill_the_budget(
+    finished_run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Under a budget up to 20 measurements; a DHR may be repeated, with its gain shared."""
+    options = ["--candidates", "dhr", "--theta-i", "70", "--polarization", "s,p", "--draws", "60"]
+    members = {}
+    for more in ([], ["--batch", "3"], ["--minutes", "30"]):
+        out = tmp_path / "-".join(["out", *more])
+        assert run("design", finished_run, *options, *more, "--quiet", "--out", out) == 0
+        found = json.loads((out / "design.json").read_text(encoding="utf-8"))
+        members[" ".join(more)] = found["batch"]["members"]
+        assert found["choices"]["batch"] == {"": 4, "--batch 3": 3}.get(" ".join(more), 20)
+    assert len(members[""]) <= 4
+    assert len(members["--batch 3"]) <= 3
+    filled = members["--minutes 30"]
+    assert len(filled) > len({row["label"] for row in filled})
+    assert len(filled) > 4
+    added = [row["added_nats"] for row in filled]
+    assert sum(added) == pytest.approx(filled[-1]["cumulative_nats"])
+    capsys.readouterr()
 
 
 def test_progress_at_every_tenth_of_a_stage(capsys: pytest.CaptureFixture[str]) -> None:
@@ -336,6 +369,7 @@ def test_many_candidates_are_screened(
     rows = found["candidates"]
     assert len(rows) == 1000
     assert all(row["eig_nats"] is None for row in rows[12:])
+    assert "988 of 1000 candidates were only screened" in best_table(found)
     linear = [row["linear_nats"] for row in rows[12:]]
     assert linear == sorted(linear, reverse=True)
 

@@ -110,11 +110,16 @@ def test_nothing_is_worth_measuring() -> None:
 
 
 def test_a_fit_that_failed_is_told_first() -> None:
-    said = recommend(design(BEST, run=RUN | {"verdict": "FAIL"}))
+    failed = RUN | {"verdict": "FAIL"}
+    said = recommend(design(BEST, run=failed | {"applicability": "does not apply"}))
     assert said[0].startswith("The model does not describe this sample (verdict of the fit: FAIL)")
     assert "not constants of the material" in said[0]
-    said = recommend(design(BEST, run=RUN | {"applicability": "does not apply"}))
-    assert "not constants of the material" in said[0]
+    said = recommend(design(BEST, run=failed | {"status": "not_converged"}))
+    assert said[0].startswith("The sampler did not converge: the draws that this rests on are prov")
+    assert "does not describe" not in " ".join(said)
+    said = recommend(design(BEST, run=failed | {"status": "done"}))
+    assert said[0].startswith("The verdict of the fit is FAIL")
+    assert recommend(design(BEST, run=RUN | {"status": "done"}))[0].startswith("Take the p scan")
 
 
 def test_before_any_reading() -> None:
@@ -133,25 +138,22 @@ def test_a_wide_bracket_is_told_instead_of_the_middle() -> None:
     assert "comes close" not in said
 
 
-def test_where_few_draws_remain_no_standard_deviation_is_told() -> None:
-    nothing = {"n": {"ratio": None, "se": None}, "k": {"ratio": None, "se": None}}
-    said = recommend(design(row("p scan", 55.0, 9.0, eig_low=5.0, eig_high=13.0, sd_ratio=nothing)))
-    assert "between" not in said[0]
-    assert "few of the draws remain plausible" in said[0]
-    assert "%" not in said[0]
-
-
-def test_no_more_than_a_lower_bound_is_told_where_no_more_is_known() -> None:
-    best = row("p scan", 60.0, 11.5, eig_low=11.5, eig_high=34.1, eig_se=6.0, tied=True)
-    best |= {"tied_per_minute": True}
-    other = row("s scan", 60.0, 8.0, eig_low=8.0, eig_high=20.0, tied=True)
-    batch = design()["batch"] | {"members": [best], "cut_short": True}
+def test_what_the_local_normal_law_tells_is_told_as_such() -> None:
+    local = {"eig_method": "local", "sd_method": "local"}
+    best = row("p scan", 60.0, 11.5, eig_low=8.5, eig_high=34.1, eig_se=0.3, tied=True, **local)
+    best |= {"tied_per_minute": True, "sd_ratio": {n: {"ratio": 0.014, "se": 0.0} for n in "nk"}}
+    other = row("s scan", 60.0, 11.4, eig_low=8.0, eig_high=20.0, tied=True, **local)
+    batch = design()["batch"] | {
+        "members": [best | {"method": "local"}, other | {"method": "local"}],
+        "eig_nats": 12.5, "eig_se": 0.3, "eig_low": 9.5, "eig_high": 35.1, "minutes": 36.0,
+    }  # fmt: skip
     said = " ".join(recommend(design(best, other, run=None, batch=batch)))
-    assert "take the p scan at 60° next (18 min): at least +11.5 nat about n and k" in said
-    assert "the largest lower bound of all. So little is known that gains are only bounded" in said
-    assert "whose bounds overlap: s scan at 60°." in said
-    assert "What to take after that cannot be told yet" in said
-    assert not [claim for claim in ("34.1", "comes close", "together", "100 %") if claim in said]
+    assert "take the p scan at 60° next (18 min): +11.5 ± 0.30 nat (local normal approx" in said
+    assert "of n to 1.4 % of what it is now (local normal approximation)" in said
+    assert "Not told apart from it by the calculation: s scan at 60°." in said
+    assert "together +12.5 ± 0.30 nat (local normal approximation) in 36 min" in said
+    assert "What it adds from no. 2 on is by the local normal approximation." in said
+    assert not [claim for claim in ("34.1", "comes close", "cannot be told") if claim in said]
 
 
 def test_no_zero_has_a_sign_and_no_gain_is_below_it() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 import pbrdf_bayes as pb
 from pbrdf_bayes.design.candidates import Candidate
-from pbrdf_bayes.design.goals import goal_values, parse_goal
+from pbrdf_bayes.design.goals import SCAN_DEG, goal_values, parse_goal
 from pbrdf_bayes.design.hemispherical import hemispherical_values
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
 from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
@@ -57,7 +57,7 @@ def test_a_dhr_keeps_offset_and_leakage(posterior: Posterior, x: np.ndarray) -> 
 
 
 def test_goals_are_of_the_sample(posterior: Posterior, x: np.ndarray) -> None:
-    angles = np.array([-40.0, 0.0, 50.0])
+    angles = np.array(SCAN_DEG)
     before = x.copy()
 
     def f(q: str, theta_r: object) -> np.ndarray:
@@ -69,6 +69,6 @@ def test_goals_are_of_the_sample(posterior: Posterior, x: np.ndarray) -> None:
         ("ratio:60:30", f("s", [30.0]) - f("p", [30.0])),
         ("dhr:p:70", pb.dhr(GREEN_PAINT, [70.0], "p")),
     ):
-        found = goal_values(posterior, parse_goal(name), x, angles)[0]
+        found = goal_values(posterior, parse_goal(name), x)[0]
         np.testing.assert_allclose(found, wanted, rtol=1e-5)
     np.testing.assert_array_equal(x, before)

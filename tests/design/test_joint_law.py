@@ -11,7 +11,8 @@ import pbrdf_bayes as pb
 from pbrdf_bayes.design.batches import Pairs, best_pair, greedy_batch, joint_gain
 from pbrdf_bayes.design.beliefs import Beliefs, beliefs_of_run
 from pbrdf_bayes.design.candidates import Candidate, distinct_labels
-from pbrdf_bayes.design.evaluate import Evaluated, Stage, evaluate, set_stage
+from pbrdf_bayes.design.evaluate import Evaluated, Stage, evaluate, set_stage, told_by
+from pbrdf_bayes.design.local import local_law
 from pbrdf_bayes.design.nested import difference
 from pbrdf_bayes.design.run import DesignChoices, design_measurements
 from pbrdf_bayes.design.summary import summarise_design
@@ -127,6 +128,33 @@ def test_together_as_the_stacked_readings(stage: Stage, members: list[Candidate]
     alone = sum(e.gain.eig for e in done)
     spread = np.hypot(joint.se, parts.se)
     assert joint.eig <= alone + 2.0 * spread
+
+
+@pytest.mark.parametrize(
+    "members",
+    [
+        [scan_of("p", 55.0)],
+        [dhr_of("s", 70.0)],
+        [scan_of("s", 60.0), scan_of("s", 40.0), scan_of("p", 60.0)],
+        [dhr_of("s", 70.0), dhr_of("s", 75.0), scan_of("p", 55.0)],
+        [dhr_of("s", 70.0), dhr_of("s", 70.0), dhr_of("s", 70.0), dhr_of("p", 70.0)],
+    ],
+    ids=lambda members: " + ".join(c.label for c in members),
+)
+def test_the_local_law_is_the_closed_form(stage: Stage, members: list[Candidate]) -> None:
+    """Normal parameters: determinants with the Jacobians stacked and R dense, repeats included."""
+    law, told = local_law(stage), [told_by(stage, c) for c in members]
+    terms = law.entropy([]) - law.entropy(told)
+    se = terms.std(ddof=1) / np.sqrt(terms.size)
+    assert abs(terms.mean() - information(members)) < 3.0 * se + 0.02 * information(members)
+
+
+def test_a_dhr_may_be_taken_again(stage: Stage) -> None:
+    """With noise of its own and the gain of the first: as the dense law of both."""
+    batch = greedy_batch(stage, [put_to(stage, dhr_of("s", 70.0))], minutes=6.0, most=4)
+    assert [e.candidate.label for e in batch.members] == ["DHR_s at 70°", "DHR_s at 70°"]
+    wanted = information([dhr_of("s", 70.0), dhr_of("s", 70.0)])
+    assert abs(batch.eig - wanted) < 3.0 * batch.gains[-1].se + 0.02 * wanted
 
 
 def test_noise_of_different_measurements_is_independent(known: Beliefs) -> None:

@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 import pbrdf_bayes as pb
 from pbrdf_bayes.design.beliefs import Beliefs, beliefs_of_prior, beliefs_of_run, draw_sets
 from pbrdf_bayes.design.candidates import Candidate, list_candidates, usual_scan, was_measured
-from pbrdf_bayes.design.evaluate import Stage, evaluate, linear_gains, set_stage
+from pbrdf_bayes.design.evaluate import Stage, evaluate, linear_gains, set_stage, told_by
 from pbrdf_bayes.design.hemispherical import (
     draw_hemispherical,
     gain_law,
@@ -149,8 +149,8 @@ def test_repeating_an_exact_measurement_tells_nothing() -> None:
     # a measurement that the draws themselves would give: otherwise none of them explains it
     stage = stage_of(b)
     same = tuple(posterior.measurement.brdf.theta_r_deg[posterior.measurement.scans[0].rows])
-    repeat = linear_gains(stage, scan_of("s", 20.0, same)).mean()
-    other = linear_gains(stage, scan_of("s", 40.0, same)).mean()
+    repeat = linear_gains(stage, told_by(stage, scan_of("s", 20.0, same))).mean()
+    other = linear_gains(stage, told_by(stage, scan_of("s", 40.0, same))).mean()
     assert repeat < 1e-3
     assert other > 0.05
 
@@ -185,7 +185,7 @@ def test_the_gain_does_not_depend_on_the_sampling_coordinate() -> None:
     moved = replace(b, posterior=replace(b.posterior, specs=specs))
     candidate = scan_of("p", 45.0)
     for tier in (
-        lambda s: (linear_gains(s, candidate).mean(), 0.005),
+        lambda s: (linear_gains(s, told_by(s, candidate)).mean(), 0.005),
         lambda s: gain_of(s, candidate),
     ):
         one, error = tier(stage_of(b))
@@ -202,7 +202,7 @@ def test_both_tiers_agree_where_everything_is_nearly_linear() -> None:
         every = replace(b, about=b.free_names)
         stage = set_stage(every, n_outer=400, n_inner=1000, n_nuisance=2, seed=9)
         eig, se = gain_of(stage, candidate)
-        linear = linear_gains(stage, candidate).mean()
+        linear = linear_gains(stage, told_by(stage, candidate)).mean()
         assert eig == pytest.approx(linear, abs=4.0 * se + 0.15 * linear)
 
 

@@ -1,0 +1,124 @@
+"""After few data: where a measurement tells so much that no draw explains it, nothing is lost."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pbrdf_bayes as pb
+from pbrdf_bayes.design.beliefs import Beliefs, beliefs_of_run
+from pbrdf_bayes.design.candidates import Candidate, list_candidates
+from pbrdf_bayes.design.goals import parse_goal, values_of
+from pbrdf_bayes.design.run import DesignChoices, DesignResult, design_measurements
+from pbrdf_bayes.design.summary import summarise_design
+from pbrdf_bayes.measurement import Measurement, measurement_from_columns
+from pbrdf_bayes.results import draws_of_run
+from pbrdf_bayes.simulate import GREEN_PAINT
+from pbrdf_bayes.workflow.tree import posterior_of
+
+SCAN = np.arange(-80.0, 81.0, 8.0)
+GOALS = tuple(parse_goal(text) for text in ("scan:p:70", "ratio:60:60", "dhr:s:70"))
+BEST = "p scan at 70°"
+
+
+def measured(*scans: tuple[str, float]) -> Measurement:
+    """The published paint with 2 % noise, and DHR at 12.5 deg."""
+    rng = np.random.default_rng(5)
+    columns: dict[str, list[object]] = {
+        key: [] for key in ("quantity", "polarization", "theta_i_deg", "theta_r_deg", "value")
+    }
+    for q, angle in scans:
+        f = pb.brdf(GREEN_PAINT, angle, SCAN, q) * np.exp(0.02 * rng.standard_normal(SCAN.size))
+        for theta_r, value in zip(SCAN, f, strict=True):
+            for key, cell in zip(columns, ("brdf", q, angle, theta_r, value), strict=True):
+                columns[key].append(cell)
+    for q in "sp":
+        dhr = float(pb.dhr(GREEN_PAINT, [12.5], q)[0]) * (1.0 + 0.01 * rng.standard_normal())
+        for key, cell in zip(columns, ("dhr", q, 12.5, np.nan, dhr), strict=True):
+            columns[key].append(cell)
+    return measurement_from_columns(sample="few", wavelength_um=3.39, **columns)
+
+
+def beliefs_after(*scans: tuple[str, float]) -> Beliefs:
+    done = pb.fit(measured(*scans), pb.RunConfig(accuracy="draft", holdout=False), seed=1)
+    posterior = posterior_of(done)
+    draws = draws_of_run(done, posterior.parameter_names)
+    return beliefs_of_run(posterior, draws.reshape(-1, posterior.n_par))
+
+
+@pytest.fixture(scope="module")
+def few() -> Beliefs:
+    return beliefs_after(("s", 12.5), ("p", 12.5))
+
+
+@pytest.fixture(scope="module")
+def result(few: Beliefs) -> DesignResult:
+    options = list_candidates(
+        quantities=("brdf", "dhr"), theta_i_deg=(12.5, 45.0, 55.0, 70.0), polarizations=("s", "p"),
+        theta_r_deg=SCAN.tolist(),
+    )  # fmt: skip
+    small = DesignChoices(n_outer=120, n_inner=300, minutes=60.0, seed=3)
+    return design_measurements(few, options, choices=small, goals=GOALS)
+
+
+def test_every_candidate_is_told(result: DesignResult) -> None:
+    found = summarise_design(result, None)
+    assert len(found["candidates"]) == found["n_evaluated"] == found["n_candidates"] == 16
+    for row in found["candidates"]:
+        assert row["eig_low"] <= row["eig_nats"] <= row["eig_high"] + 1e-9
+        assert all(ratio["ratio"] is not None for ratio in row["sd_ratio"].values())
+    assert any(row["sd_method"] == "local" for row in found["candidates"])
+
+
+def test_a_goal_has_its_own_scan_as_the_best_one(result: DesignResult) -> None:
+    goal = summarise_design(result, None)["goals"][0]
+    assert len(goal["candidates"]) == 16
+    assert goal["candidates"][0]["label"] == BEST
+    assert goal["candidates"][0]["method"] == "local"
+
+
+def test_a_batch_and_a_pair_are_told(result: DesignResult) -> None:
+    assert len(result.batch.members) > 2
+    assert result.batch.gains[-1].method == "local"
+    assert result.pairs is not None
+    assert result.pairs.n_compared == 16 * 15 // 2
+
+
+def test_both_ways_to_a_gain_agree(result: DesignResult) -> None:
+    """Tier 2 against the determinants, where both are there."""
+    both = [e for e in result.evaluated if e.gain.method == "refined" and e.gain.ess < 10.0]
+    assert both
+    for e in both:
+        assert e.local_nats is not None
+        error = np.hypot(e.gain.se, 0.5 * (e.gain.high - e.gain.low))
+        assert abs(e.local_nats - e.gain.eig) < 3.0 * error + 0.3, e.candidate.label
+
+
+def test_what_is_left_is_what_a_fit_leaves(few: Beliefs, result: DesignResult) -> None:
+    """Really measured and fitted: one sample, whose width varies with the paint and its noise."""
+    after = beliefs_after(("s", 12.5), ("p", 12.5), ("p", 70.0))
+    names = summarise_design(result, None)["candidates"][0]["sd_ratio"]
+    told = next(e for e in result.evaluated if e.candidate.label == BEST)
+    ratio, _ = told.spread.sd_ratio()
+    before, columns = values_of(few, GOALS, few.x[::4])
+    left, _ = values_of(replace(after, about=few.about), GOALS, after.x[::4])
+    for name, predicted in zip(names, ratio, strict=True):
+        at = np.array(columns) == name
+        really = np.sqrt(left[:, at].var(axis=0).mean() / before[:, at].var(axis=0).mean())
+        assert 0.6 < predicted / really < 1.7, (name, predicted, really)
+
+
+def test_the_scan_of_a_goal_does_not_depend_on_the_candidates(few: Beliefs) -> None:
+    small = DesignChoices(n_outer=40, n_inner=80, batch=1, seed=3)
+    options = [
+        Candidate("brdf", "s", 20.0, 5.0, theta_r_deg=tuple(scan))
+        for scan in (np.arange(-20.0, 21.0, 20.0), np.arange(-70.0, 71.0, 35.0))
+    ]
+    goals = (parse_goal("scan:p:60"),)
+    one, other = (
+        design_measurements(few, order, choices=small, goals=goals).sd_before
+        for order in (options, options[::-1])
+    )
+    np.testing.assert_array_equal(one, other)
