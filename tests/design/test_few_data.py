@@ -21,6 +21,11 @@ from pbrdf_bayes.workflow.tree import posterior_of
 SCAN = np.arange(-80.0, 81.0, 8.0)
 GOALS = tuple(parse_goal(text) for text in ("scan:p:70", "ratio:60:60", "dhr:s:70"))
 BEST = "p scan at 70°"
+KNOWN = {"tau": 0.005, "ell_deg": 20.0, "u_dhr": 0.0005}
+CONFIG = pb.RunConfig(
+    accuracy="draft", holdout=False, max_steps=1500,
+    priors={name: {"kind": "fixed", "value": value} for name, value in KNOWN.items()},
+)  # fmt: skip
 
 
 def measured(*scans: tuple[str, float]) -> Measurement:
@@ -42,7 +47,7 @@ def measured(*scans: tuple[str, float]) -> Measurement:
 
 
 def beliefs_after(*scans: tuple[str, float]) -> Beliefs:
-    done = pb.fit(measured(*scans), pb.RunConfig(accuracy="draft", holdout=False), seed=1)
+    done = pb.fit(measured(*scans), CONFIG, seed=1)
     posterior = posterior_of(done)
     draws = draws_of_run(done, posterior.parameter_names)
     return beliefs_of_run(posterior, draws.reshape(-1, posterior.n_par))
@@ -60,7 +65,9 @@ def result(few: Beliefs) -> DesignResult:
         theta_r_deg=SCAN.tolist(),
     )  # fmt: skip
     small = DesignChoices(n_outer=120, n_inner=300, minutes=60.0, seed=3)
-    return design_measurements(few, options, choices=small, goals=GOALS)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pbrdf_bayes.design.run._WORK_REFINED", 1.0)  # the fewest readings of two
+        return design_measurements(few, options, choices=small, goals=GOALS)
 
 
 def test_every_candidate_is_told(result: DesignResult) -> None:
