@@ -203,8 +203,10 @@ def _by_minute(rows: Sequence[Record]) -> str:
     best, first = rows[0], max(rows, key=lambda row: row["eig_per_minute"])
     if len(rows) == 1:
         return ""
-    if best["tied_per_minute"]:
+    if first is best:
         return "It is also the best for each minute."
+    if best["tied_per_minute"]:
+        return f"For each minute it is not told apart from the best, the {first['label']}."
     if not worth(first):
         return ""
     share, time = first["eig_nats"] / best["eig_nats"], first["minutes"] / best["minutes"]

@@ -146,28 +146,6 @@ def test_ratios_have_their_errors(design: dict[str, Any]) -> None:
     assert f"{value:.0f} +- {se:.0f} %" in best_table(design)
 
 
-def test_cheap_readings_fill_the_budget(
-    finished_run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Under a budget up to 20 measurements; a DHR may be repeated, with its gain shared."""
-    options = ["--candidates", "dhr", "--theta-i", "70", "--polarization", "s,p", "--draws", "60"]
-    members = {}
-    for more in ([], ["--batch", "3"], ["--minutes", "30"]):
-        out = tmp_path / "-".join(["out", *more])
-        assert run("design", finished_run, *options, *more, "--quiet", "--out", out) == 0
-        found = json.loads((out / "design.json").read_text(encoding="utf-8"))
-        members[" ".join(more)] = found["batch"]["members"]
-        assert found["choices"]["batch"] == {"": 4, "--batch 3": 3}.get(" ".join(more), 20)
-    assert len(members[""]) <= 4
-    assert len(members["--batch 3"]) <= 3
-    filled = members["--minutes 30"]
-    assert len(filled) > len({row["label"] for row in filled})
-    assert len(filled) > 4
-    added = [row["added_nats"] for row in filled]
-    assert sum(added) == pytest.approx(filled[-1]["cumulative_nats"])
-    capsys.readouterr()
-
-
 def test_progress_at_every_tenth_of_a_stage(capsys: pytest.CaptureFixture[str]) -> None:
     """Where stderr is no terminal."""
     told = counter(quiet=False, interrupted=lambda: False)

@@ -96,6 +96,13 @@ def test_another_one_is_better_for_each_minute() -> None:
     )
 
 
+def test_only_the_best_for_each_minute_is_told_to_be_it() -> None:
+    cheap = row("DHR_p", 75.0, 0.15, minutes=3.0, tied_per_minute=True)
+    said = " ".join(recommend(design(BEST, cheap)))
+    assert "For each minute it is not told apart from the best, the DHR_p at 75°." in said
+    assert "also the best for each minute" not in said
+
+
 def test_nothing_is_worth_measuring() -> None:
     weak = row("p scan", 55.0, 0.02)
     said = recommend(design(weak, row("p scan", 50.0, 0.01)))

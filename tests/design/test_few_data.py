@@ -117,6 +117,22 @@ def test_what_is_left_is_what_a_fit_leaves(few: Beliefs, result: DesignResult) -
         assert 0.6 < predicted / really < 1.7, (name, predicted, really)
 
 
+def test_cheap_readings_fill_the_budget(few: Beliefs) -> None:
+    """Up to 20 under a budget and 4 without; a DHR may be repeated, with its gain shared."""
+    options = [Candidate("dhr", q, 70.0, 3.0) for q in "sp"]
+    members = {}
+    for name, minutes, batch in (("usual", np.inf, None), ("budget", 24.0, None), ("few", 24.0, 2)):
+        choices = DesignChoices(n_outer=60, n_inner=200, minutes=minutes, batch=batch, seed=3)
+        found = summarise_design(design_measurements(few, options, choices=choices), None)
+        members[name] = found["batch"]["members"]
+        assert found["choices"]["batch"] == {"usual": 4, "budget": 20, "few": 2}[name]
+    assert [len(rows) for rows in members.values()] == [4, 8, 2]
+    added = [row["added_nats"] for row in members["budget"]]
+    assert sum(added) == pytest.approx(members["budget"][-1]["cumulative_nats"])
+    assert members["budget"][-1]["cumulative_minutes"] == 24.0
+    assert members["budget"][-1]["method"] == "local"
+
+
 def test_the_scan_of_a_goal_does_not_depend_on_the_candidates(few: Beliefs) -> None:
     small = DesignChoices(n_outer=40, n_inner=80, batch=1, seed=3)
     options = [
