@@ -23,9 +23,11 @@ _MARK = "*"
 
 def next_section(design: Record) -> dict[str, Any]:
     """What the report of a run says of the next measurement."""
+    rows = candidate_rows(evaluated(design)[:_IN_REPORT])
     return {
         "paragraphs": design["recommendation"].split("\n"),
-        "rows": candidate_rows(evaluated(design)[:_IN_REPORT]),
+        "rows": rows,
+        "local": any(row["local"] for row in rows),
         "names": list(design["sd_before"]),
         "about": listed(design["about"]),
         "n_candidates": count(design["n_candidates"]),
@@ -60,6 +62,7 @@ def _candidate_row(row: Record, places: int, places_per_minute: int) -> dict[str
         "p_best_per_minute": _percent(row["p_best_per_minute"]),
         "best": ", ".join(best),
         "ratios": [_left(row, ratio) for ratio in row["sd_ratio"].values()],
+        "shares": [_share(ratio["ratio"]) for ratio in row["sd_ratio"].values()],
     }
 
 
@@ -67,6 +70,13 @@ def _gain(row: Record, places: int) -> str:
     """A gain with its error."""
     mark = _MARK if row.get("eig_method") == LOCAL else ""
     return f"{fixed(row['eig_nats'], places)} ± {fixed(row['eig_se'], places)}{mark}"
+
+
+def _share(ratio: float | None) -> str:
+    """Of small ones one decimal."""
+    if ratio is None or ratio >= 0.0995:
+        return _percent(ratio)
+    return f"{fixed(100.0 * ratio, 1)}{THIN}%"
 
 
 def _left(row: Record, ratio: Mapping[str, Any]) -> str:
