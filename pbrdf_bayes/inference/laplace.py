@@ -17,7 +17,7 @@ _STEP = 1e-5
 _RELEVANT_NATS = 12.0
 _MAX_SD = 3.0
 _FALL = 2.0
-_REACHES = np.geomspace(1e-9, 1.0, 91)
+_REACHES = np.geomspace(1e-7, 1.0, 71)
 """Steps at which the density is looked at, in units of the standard deviation."""
 
 
@@ -58,26 +58,28 @@ def _covariance(posterior: Posterior, z: Array, low: Array, high: Array) -> Arra
     axes = widest[:, None] * vectors
     sd = 1.0 / np.sqrt(np.maximum(eigenvalues, 1.0))
     for i in range(n):
-        sd[i] = _limited(posterior, z, axes[:, i], sd[i], low, high)
+        sd[i] = _limited(posterior, z, vectors[:, i], sd[i], widest, low, high)
     axes = axes * sd
     return np.asarray(axes @ axes.T)
 
 
 def _limited(
-    posterior: Posterior, z: Array, axis: Array, sd: float, low: Array, high: Array
-) -> float:
+    posterior: Posterior, z: Array, vector: Array, sd: float, widest: Array, low: Array,
+    high: Array,
+) -> float:  # fmt: skip
     """Standard deviation along an axis, or less: at it the density has to be within `_FALL` nats.
 
-    In units of the axis; the side on which the density falls less counts.
+    In units of ``widest``, as the unit vector of the axis is; the side on which the density falls
+    less counts. Steps end at the support; a side on which they are cut to less than half, as that
+    of k below 0, tells nothing.
     """
     steps = sd * _REACHES
-    points = z + np.concatenate([steps, -steps])[:, None] * axis
-    inside = ((points >= low) & (points <= high)).all(axis=1)
-    values = np.full(len(points), -np.inf)
-    values[inside] = posterior.log_prob_coordinates(points[inside])
-    top = posterior.log_prob_coordinates(z[None, :])[0]
-    high_enough = (values > top - _FALL).reshape(2, -1).any(axis=0)
-    if high_enough[-1]:
+    both = np.concatenate([steps, -steps])
+    points = np.clip(z + both[:, None] * (widest * vector), low, high)
+    moved = np.linalg.norm((points - z) / widest, axis=1)
+    tells = moved >= 0.5 * np.abs(both)
+    fall = posterior.log_prob_coordinates(z[None, :])[0] - posterior.log_prob_coordinates(points)
+    near = (tells & (fall < _FALL)).reshape(2, -1).any(axis=0)
+    if near[-1] or not tells[[steps.size - 1, -1]].any():
         return sd
-    reach = steps[high_enough].max(initial=steps[0])
-    return float(reach / sqrt(2.0 * _FALL))
+    return float(steps[near].max(initial=steps[0]) / sqrt(2.0 * _FALL))

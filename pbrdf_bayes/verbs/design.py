@@ -105,7 +105,7 @@ def _add_candidates(parser: argparse.ArgumentParser) -> None:
         "--theta-i",
         type=angles,
         metavar="LO:HI:STEP",
-        help="angles of incidence [deg], or a list with commas (0:85:5 and every geometry measured)",
+        help="angles of incidence [deg], or a list with commas (0:85:5 and all measured)",
     )
     parser.add_argument(
         "--theta-r",

@@ -90,6 +90,21 @@ def test_a_direction_without_curvature_is_as_wide_as_its_density(make_law: MakeL
     assert sd[1] == pytest.approx(spread, rel=0.3)
 
 
+@pytest.mark.parametrize("corner", [(0.0, 0.0), (5.0, 5.0), (0.0, 5.0)])
+def test_a_corner_of_the_support_has_a_width(
+    make_law: MakeLaw, corner: tuple[float, float]
+) -> None:
+    """No axis stays inside on either side: those of the Hessian lie between the coordinates."""
+    law = make_law(
+        lambda x: -0.5 * ((x[:, 0] - corner[0]) - (x[:, 1] - corner[1])) ** 2 / 0.01**2,
+        [0.0, 0.0], [5.0, 5.0],
+    )  # fmt: skip
+    at_corner = MapResult((Optimum(np.array(corner), 0.0, 1),), 1, 0)
+    factor = laplace_mixture(law, at_corner).factors[0]
+    sd = np.sqrt(np.diag(factor @ factor.T))
+    assert np.all(sd > 1e-3)
+
+
 def test_a_flat_direction_gets_a_finite_width(make_law: MakeLaw) -> None:
     law = make_law(lambda x: -0.5 * (x[:, 0] / 0.1) ** 2, [-5.0, -5.0], [5.0, 5.0])
     mixture = laplace_mixture(law, find_map(law, seed=1))
