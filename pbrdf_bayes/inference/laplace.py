@@ -56,11 +56,13 @@ def _covariance(posterior: Posterior, z: Array, low: Array, high: Array) -> Arra
     scaled = -0.5 * (hessian + hessian.T) * np.outer(widest, widest)
     eigenvalues, vectors = np.linalg.eigh(scaled)
     axes = widest[:, None] * vectors
-    sd = 1.0 / np.sqrt(np.maximum(eigenvalues, 1.0))
+    precisions = np.maximum(eigenvalues, 1.0)
     for i in range(n):
-        sd[i] = _limited(posterior, z, vectors[:, i], sd[i], widest, low, high)
-    axes = axes * sd
-    return np.asarray(axes @ axes.T)
+        sd = 1.0 / sqrt(precisions[i])
+        limited = _limited(posterior, z, vectors[:, i], sd, widest, low, high)
+        if limited < sd:
+            precisions[i] = limited**-2
+    return np.asarray((axes / precisions) @ axes.T)
 
 
 def _limited(
