@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import random
 import shutil
 import sys
@@ -19,6 +20,7 @@ import traceback
 import warnings
 from collections.abc import Callable
 from functools import cache
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -162,16 +164,20 @@ BEFORE: dict[str, Callable[[], object]] = {
 """What takes its time once: kernels are compiled, a fit is made."""
 
 
-def fuzz(name: str, seconds: float, folder: Path) -> tuple[int, list[str], int]:
-    """Inputs tried, crashes, hangs."""
+def fuzz(
+    name: str, folder: Path, *, seconds: float = math.inf, most: float = math.inf,
+    first: int | None = None,
+) -> tuple[int, list[str], int]:  # fmt: skip
+    """Inputs tried, crashes, hangs; with ``first``, the seed of the first round, always the same."""
     strategy, target = TARGETS[name]
+    seeds = count(random.randrange(2**32) if first is None else first)
     tried, crashes, hangs = 0, [], 0
     BEFORE.get(name, int)()
     end = time.monotonic() + seconds
 
     def once(value: Any) -> None:
         nonlocal tried, hangs
-        if time.monotonic() > end:
+        if time.monotonic() > end or tried >= most:
             return
         tried += 1
         began = time.monotonic()
@@ -183,17 +189,17 @@ def fuzz(name: str, seconds: float, folder: Path) -> tuple[int, list[str], int]:
             crashes.append(f"{value!r}\n{traceback.format_exc()}")
         hangs += time.monotonic() - began > _HANG_SECONDS
 
-    while time.monotonic() < end:
-        _round(strategy, once)()
+    while time.monotonic() < end and tried < most:
+        _round(strategy, next(seeds), once)()
     return tried, crashes, hangs
 
 
-def _round(strategy: object, once: Callable[..., None]) -> Callable[[], None]:
+def _round(strategy: object, number: int, once: Callable[..., None]) -> Callable[[], None]:
     chosen = settings(
         max_examples=_AT_ONCE, deadline=None, database=None, phases=[Phase.generate],
         suppress_health_check=list(HealthCheck),
     )  # fmt: skip
-    found: Callable[[], None] = seed(random.randrange(2**32))(chosen(given(strategy)(once)))
+    found: Callable[[], None] = seed(number)(chosen(given(strategy)(once)))
     return found
 
 
@@ -208,7 +214,7 @@ def main() -> int:
     bad = 0
     with tempfile.TemporaryDirectory() as folder:
         for name in options.only:
-            tried, crashes, hangs = fuzz(name, seconds, Path(folder))
+            tried, crashes, hangs = fuzz(name, Path(folder), seconds=seconds)
             print(f"{name}: {tried} inputs, {len(crashes)} crashes, {hangs} hangs", flush=True)
             print(*crashes[:3], sep="\n")
             bad += len(crashes) + hangs

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import importlib.util
+import json
+import shutil
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
-from pbrdf_bayes.errors import DataError
+from pbrdf_bayes.errors import DataError, RunFolderError
 from pbrdf_bayes.io import csv_table
+from pbrdf_bayes.io.run_folder import load_analysis
 from pbrdf_bayes.io.tidy_csv import read_samples
 
 
@@ -23,17 +26,31 @@ def script() -> ModuleType:
     return module
 
 
-@pytest.mark.parametrize(
-    "name", ["CSV", "TOML", "JSON", "limits", "document", "scene", "candidates", "run folder"]
-)
+N_INPUTS = {
+    "CSV": 300, "TOML": 500, "JSON": 500, "limits": 300, "document": 300, "scene": 300,
+    "candidates": 300, "run folder": 40, "draws": 20,
+}  # fmt: skip
+"""The same inputs every time; python tests/fuzz/run.py tries others."""
+
+
+@pytest.mark.parametrize("name", list(N_INPUTS))
 def test_nothing_but_named_errors(script, name, tmp_path, request, monkeypatch):
-    if name == "run folder":
+    if name in ("run folder", "draws"):
         run = request.getfixturevalue("finished_run")
         monkeypatch.setattr(script, "finished_run", lambda: run)
-    tried, crashes, hangs = script.fuzz(name, 3.0, tmp_path)
-    assert tried > 0
+    tried, crashes, hangs = script.fuzz(name, tmp_path, most=N_INPUTS[name], first=1)
+    assert tried == N_INPUTS[name]
     assert crashes == []
     assert hangs == 0
+
+
+@pytest.mark.parametrize("seed", [-63, 1.5, "one"])
+def test_the_seed_of_a_run_is_a_whole_number(finished_run, tmp_path, seed):
+    folder = Path(shutil.copytree(finished_run, tmp_path / "run"))
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    (folder / "summary.json").write_text(json.dumps(summary | {"seed": seed}), encoding="utf-8")
+    with pytest.raises(RunFolderError, match="seed"):
+        load_analysis(folder)
 
 
 def test_a_file_without_end_is_refused():
