@@ -107,10 +107,8 @@ def finished_before(out: Path, job: Job, wanted: Paperwork) -> Row | None:
     """Row of a sample that an earlier batch has finished and judged; None where it has not."""
     try:
         folder = own_folder(out, job.folder)
-        if not _is_done(folder):
-            return None
-        summary = load_summary(folder)
-        if not wanted.is_in(summary):
+        summary = load_summary(folder) if is_finished(folder) else None
+        if summary is None or summary["status"] != "done" or not wanted.is_in(summary):
             return None
         return finished_row(job, summary, status=SKIPPED, seconds=_of_the_fit(summary))
     except RunFolderError as error:

@@ -23,8 +23,16 @@ from pbrdf_bayes.design.evaluate import (
     read_hemispherical,
 )
 from pbrdf_bayes.design.fisher import Told
-from pbrdf_bayes.design.local import LOCAL, LocalLaw, local_law
-from pbrdf_bayes.design.nested import LEAST_DRAWS, Gain, PairTable, difference, expected_gain
+from pbrdf_bayes.design.local import LocalLaw, local_law
+from pbrdf_bayes.design.nested import (
+    LEAST_DRAWS,
+    LOCAL,
+    NESTED,
+    Gain,
+    PairTable,
+    difference,
+    expected_gain,
+)
 
 Array = NDArray[np.float64]
 
@@ -49,13 +57,16 @@ class Batch:
         Of the first, of the first two, and so on: with what they share counted once.
     added : tuple of tuple of float
         What each adds to those before it, and the standard error [nat].
-    minutes : float
     """
 
     members: tuple[Evaluated, ...] = ()
     gains: tuple[Gain, ...] = ()
     added: tuple[tuple[float, float], ...] = ()
-    minutes: float = 0.0
+
+    @property
+    def minutes(self) -> float:
+        """Of all members."""
+        return sum(member.candidate.minutes for member in self.members)
 
     @property
     def eig(self) -> float:
@@ -64,8 +75,7 @@ class Batch:
 
     def with_member(self, member: Evaluated, gain: Gain, added: tuple[float, float]) -> Batch:
         """One more."""
-        minutes = self.minutes + member.candidate.minutes
-        return Batch((*self.members, member), (*self.gains, gain), (*self.added, added), minutes)
+        return Batch((*self.members, member), (*self.gains, gain), (*self.added, added))
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +97,7 @@ class Pairs:
     gap: float
     gap_se: float
     n_compared: int
-    method: str = "nested"
+    method: str = NESTED
 
 
 def joint_table(stage: Stage, members: Sequence[Evaluated]) -> PairTable:
@@ -185,7 +195,7 @@ def _simulated(
         return []
     if before is None and any(c.gain.ess < LEAST_DRAWS for c in left):
         return []
-    if before is not None and before.method != "nested":
+    if before is not None and before.method != NESTED:
         return []
     every = [(c, joint_gain(stage, [*batch.members, c])) for c in left if c.table is not None]
     if any(gain.ess < LEAST_DRAWS for _, gain in every):
@@ -203,7 +213,7 @@ def _by_local_law(
 ) -> list[tuple[Evaluated, Gain, tuple[float, float]]]:
     """What each adds by the local normal law, on top of the gain so far."""
     before = batch.gains[-1]
-    taken = [m.told for m in batch.members if m.told is not None]
+    taken = _told(batch.members)
     start = law.entropy(taken)
     found = []
     for c in left:

@@ -224,9 +224,8 @@ def linear_gains(stage: Stage, told: Told) -> Array:
 
 
 def evaluate(
-    stage: Stage, candidate: Candidate, own: Array, inner: Array, *, keep: bool,
-    groups: Sequence[NDArray[np.int64]] | None = None,
-) -> Evaluated:  # fmt: skip
+    stage: Stage, candidate: Candidate, own: Array, inner: Array, *, keep: bool
+) -> Evaluated:
     """Tier 1 of a candidate.
 
     Parameters
@@ -237,8 +236,6 @@ def evaluate(
         Parameters and goals at the draws.
     keep : bool
         Keep the tables, for batches.
-    groups : sequence of ndarray of int, optional
-        Columns that are one quantity together, such as the angles of a scan; each is one without.
 
     Returns
     -------
@@ -253,8 +250,6 @@ def evaluate(
     gain = expected_gain(table, keep_weights=True)
     assert gain.weights is not None
     spread = expected_spread(gain.weights, own, inner, stage.inner_weights)
-    if groups is not None:
-        spread = spread.merged(groups, np.concatenate([own, inner]).var(axis=0, ddof=1))
     kept = replace(table, inner=table.inner.astype(np.float32)) if keep else None
     gain = replace(gain, weights=None)
     return Evaluated(candidate, gain, spread, kept, reading if keep else None)

@@ -28,13 +28,11 @@ from pbrdf_bayes.design.beliefs import log_marginal
 from pbrdf_bayes.design.evaluate import Stage
 from pbrdf_bayes.design.fisher import Told, precision_so_far, slopes_of, told_together
 from pbrdf_bayes.design.goals import Goal, values_of
-from pbrdf_bayes.design.nested import Gain, Spread
+from pbrdf_bayes.design.nested import LOCAL, Gain, Spread
 from pbrdf_bayes.design.refine import log_norm
 
 Array = NDArray[np.float64]
 
-LOCAL = "local"
-"""Method of an estimate: the local normal approximation."""
 _N_NUISANCE = 64
 _ROUNDS = 4
 
@@ -98,9 +96,8 @@ def surprise(stage: Stage) -> Array:
     return np.asarray(level - log_marginal(b, stage.linear.x, _N_NUISANCE, rng))
 
 
-def local_gain(law: LocalLaw, told: Told, surprise: Array, within: Gain) -> Gain:
-    """Gain by the local normal law, within the bracket of simulated readings."""
-    terms = surprise - law.entropy([told])
+def local_gain(terms: Array, within: Gain) -> Gain:
+    """Gain by the local normal law, `surprise` less entropy, within the bracket of simulations."""
     eig = float(np.clip(terms.mean(), within.low, max(within.low, within.high)))
     return Gain(
         eig=eig, se=float(terms.std(ddof=1) / np.sqrt(terms.size)), low=within.low,

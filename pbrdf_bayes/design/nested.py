@@ -40,6 +40,8 @@ WIDE = 0.3
 """Bracket [nat] beyond which a candidate needs inner draws of its own, and ties by its ends."""
 UNBOUNDED = 1.0
 """Bracket [nat] beyond which its middle means nothing: the local normal law is what is told."""
+NESTED, REFINED, LOCAL = "nested", "refined", "local"
+"""Methods of an estimate: tier 1, tier 2, the local normal approximation."""
 LEAST_DRAWS = 10.0
 """Effective draws below which draws tell neither a standard deviation nor a sum of gains."""
 
@@ -112,7 +114,7 @@ class Gain:
     terms: Array
     inner: Array | None = None
     weights: Array | None = None
-    method: str = "nested"
+    method: str = NESTED
 
     @property
     def wide(self) -> bool:

@@ -31,7 +31,7 @@ from pbrdf_bayes.design.hemispherical import (
     hemispherical_log_likelihoods,
     hemispherical_values,
 )
-from pbrdf_bayes.design.nested import Gain, bracket
+from pbrdf_bayes.design.nested import REFINED, Gain, bracket
 from pbrdf_bayes.design.peaks import peak_of
 from pbrdf_bayes.design.scans import draw_scans, law_of_rows, plan_scan, scan_log_likelihoods
 from pbrdf_bayes.inference.importance import effective_size, tempered_weights
@@ -190,7 +190,7 @@ def refined_gain(
     return Gain(
         eig=float(terms.mean()), se=float(terms.std(ddof=1) / np.sqrt(len(terms))),
         low=float(low_terms.mean()), high=float(high_terms.mean()),
-        ess=float(np.median(effective)), terms=terms, method="refined",
+        ess=float(np.median(effective)), terms=terms, method=REFINED,
     )  # fmt: skip
 
 

@@ -24,18 +24,19 @@ from pbrdf_bayes.design.evaluate import (
     set_stage,
     told_by,
 )
+from pbrdf_bayes.design.fisher import Told
 from pbrdf_bayes.design.for_goals import GoalRanking, rank_for_goal
 from pbrdf_bayes.design.goals import Goal, values_of
 from pbrdf_bayes.design.local import (
-    LOCAL,
     LocalLaw,
+    Slopes,
     local_gain,
     local_law,
     local_spread,
     slopes_of_quantities,
     surprise,
 )
-from pbrdf_bayes.design.nested import LEAST_DRAWS, Gain
+from pbrdf_bayes.design.nested import LEAST_DRAWS, LOCAL, Gain
 from pbrdf_bayes.design.ranking import Ranking, rank
 from pbrdf_bayes.design.refine import least_work, refined_gain, with_refined
 from pbrdf_bayes.errors import ConfigError
@@ -194,28 +195,14 @@ def design_measurements(
         level, minutes = linear.mean(axis=1), np.array([c.minutes for c in candidates])
         chosen = _promising(level, minutes, _MOST_EVALUATED)
         kept = set(_promising(level, minutes, _KEPT).tolist())
-        own, names = values_of(beliefs, aims, stage.outer.x)
-        inner, _ = values_of(beliefs, aims, stage.inner.x)
-        spread = np.concatenate([own, inner]).var(axis=0, ddof=1)
-        quantities = tuple(dict.fromkeys(names))
-        groups = [np.flatnonzero(np.array(names) == name) for name in quantities]
+        quantities = _quantities(stage, aims)
+        law, slopes = local_law(stage), slopes_of_quantities(stage, aims, quantities.variance)
         evaluated = tuple(_each(
-            lambda i: replace(
-                evaluate(stage, candidates[i], own, inner, keep=i in kept, groups=groups),
-                told=all_told[i],
+            lambda i: _simulated(
+                stage, law, slopes, quantities, candidates[i], all_told[i], keep=i in kept
             ),
             chosen.tolist(), wanted.threads, told, "simulating",
         ))  # fmt: skip
-        law = local_law(stage)
-        slopes = slopes_of_quantities(stage, aims, spread)
-
-        def sharpened(e: Evaluated) -> Evaluated:
-            if e.gain.ess >= LEAST_DRAWS or e.told is None:
-                return e
-            after = local_spread(law, e.told, slopes, len(inner)).merged(groups, spread)
-            return replace(e, spread=after, local_spread=True)
-
-        evaluated = tuple(map(sharpened, evaluated))
         evaluated = _refined(stage, law, evaluated, wanted, told)
         told("combining", 0, 1)
         batch = greedy_batch(stage, evaluated, minutes=wanted.minutes, most=wanted.most, law=law)
@@ -239,17 +226,60 @@ def design_measurements(
         ]),
         by_gain=by_gain,
         by_minute=by_minute,
-        quantities=quantities,
-        sd_before=np.array([np.sqrt(spread[at].mean()) for at in groups]),
+        quantities=quantities.names,
+        sd_before=quantities.sd,
         batch=batch,
         pairs=pairs,
         goals=tuple(
-            rank_for_goal(name, evaluated, quantities.index(name), seed=wanted.seed)
+            rank_for_goal(name, evaluated, quantities.names.index(name), seed=wanted.seed)
             for name in dict.fromkeys(goal.label for goal in aims)
         ),
         about=beliefs.about,
         choices=wanted,
     )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Quantities:
+    """Parameters and goals at the draws; a scan has several columns, which count together.
+
+    ``variance`` is that of each column before the measurement, ``groups`` the columns of each name.
+    """
+
+    names: tuple[str, ...]
+    own: Array
+    inner: Array
+    variance: Array
+    groups: tuple[NDArray[np.int64], ...]
+
+    @property
+    def sd(self) -> Array:
+        """Standard deviation of each name before the measurement."""
+        return np.array([np.sqrt(self.variance[at].mean()) for at in self.groups])
+
+
+def _quantities(stage: Stage, goals: Sequence[Goal]) -> _Quantities:
+    own, columns = values_of(stage.beliefs, goals, stage.outer.x)
+    inner, _ = values_of(stage.beliefs, goals, stage.inner.x)
+    names = tuple(dict.fromkeys(columns))
+    return _Quantities(
+        names, own, inner, np.concatenate([own, inner]).var(axis=0, ddof=1),
+        tuple(np.flatnonzero(np.array(columns) == name) for name in names),
+    )  # fmt: skip
+
+
+def _simulated(
+    stage: Stage, law: LocalLaw, slopes: Slopes, quantities: _Quantities, candidate: Candidate,
+    told: Told, *, keep: bool,
+) -> Evaluated:  # fmt: skip
+    """Tier 1; what is left by the local normal law where too few draws tell it."""
+    q = quantities
+    found = evaluate(stage, candidate, q.own, q.inner, keep=keep)
+    is_local = found.gain.ess < LEAST_DRAWS
+    spread = local_spread(law, told, slopes, len(q.inner)) if is_local else found.spread
+    return replace(
+        found, spread=spread.merged(q.groups, q.variance), told=told, local_spread=is_local
+    )
 
 
 def _refined(
@@ -266,13 +296,14 @@ def _refined(
         return evaluated
     known = surprise(stage)
     found = list(evaluated)
-    for i in wide:
+    terms = {}
+    for i in wide.tolist():
         done = found[i]
         assert done.told is not None
-        value = float((known - law.entropy([done.told])).mean())
+        terms[i] = known - law.entropy([done.told])
         few = done.gain.bounded or done.gain.ess < LEAST_DRAWS
-        gain = local_gain(law, done.told, known, done.gain) if few else done.gain
-        found[i] = replace(done, gain=gain, local_nats=value)
+        gain = local_gain(terms[i], done.gain) if few else done.gain
+        found[i] = replace(done, gain=gain, local_nats=float(terms[i].mean()))
     level = np.array([found[i].gain.eig for i in wide])
     minutes = np.array([found[i].candidate.minutes for i in wide])
     best = _promising(level, minutes, _MOST_REFINED)
@@ -283,12 +314,9 @@ def _refined(
 
     def refine(i: int) -> Evaluated:
         done = found[i]
-        assert done.told is not None
         gain = refined_gain(stage, done.candidate, n_inner=_INNER_REFINED, most_work=share)
         gain = with_refined(evaluated[i].gain, gain)
-        if gain.bounded:
-            gain = local_gain(law, done.told, known, gain)
-        return replace(done, gain=gain)
+        return replace(done, gain=local_gain(terms[i], gain) if gain.bounded else gain)
 
     finer = _each(refine, best.tolist(), wanted.threads, told, "refining")
     for i, e in zip(best.tolist(), finer, strict=True):

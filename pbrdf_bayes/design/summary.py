@@ -12,6 +12,7 @@ from pbrdf_bayes import __version__
 from pbrdf_bayes.design.batches import Batch
 from pbrdf_bayes.design.candidates import Candidate, distinct_labels
 from pbrdf_bayes.design.for_goals import GoalRanking
+from pbrdf_bayes.design.nested import LOCAL, NESTED
 from pbrdf_bayes.design.run import DesignResult
 from pbrdf_bayes.design.words import recommend
 
@@ -103,7 +104,7 @@ def _evaluated(result: DesignResult, labels: Labels) -> list[dict[str, Any]]:
                 "tied_per_minute": bool(by_minute.tied[i]),
                 "pareto": bool(by_gain.pareto[i]),
                 "repeat": bool(result.repeats[i]),
-                "sd_method": "local" if done.local_spread else "nested",
+                "sd_method": LOCAL if done.local_spread else NESTED,
                 "sd_ratio": {
                     name: {"ratio": float(ratio), "se": float(se)} for name, ratio, se in ratios
                 },
@@ -176,7 +177,7 @@ def _batch(batch: Batch, labels: Labels) -> dict[str, Any]:
         "eig_low": max((gain.low for gain in batch.gains), default=0.0),  # more never tells less
         "eig_high": 0.0 if last is None else last.high,
         "minutes": batch.minutes,
-        "method": "nested" if last is None else last.method,
+        "method": NESTED if last is None else last.method,
     }
 
 
@@ -201,7 +202,7 @@ def _goal(aim: GoalRanking, result: DesignResult, labels: Labels) -> dict[str, A
                 "tied": bool(aim.by_measurement.tied[i]),
                 "tied_per_minute": bool(aim.by_minute.tied[i]),
                 "pareto": bool(aim.by_measurement.pareto[i]),
-                "method": "local" if done.local_spread else "nested",
+                "method": LOCAL if done.local_spread else NESTED,
                 "theta_i_deg": candidate.theta_i_deg, "polarization": candidate.polarization,
                 "port_deg": candidate.port_deg or None,
             }

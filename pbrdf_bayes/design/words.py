@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from itertools import groupby
 from typing import Any
 
-from pbrdf_bayes.design.nested import WIDE
+from pbrdf_bayes.design.nested import LOCAL, WIDE
 from pbrdf_bayes.design.ranking import span_of_angles
 
 Record = Mapping[str, Any]
@@ -15,7 +15,6 @@ WORTH_NATS = 0.05
 """Gain below which no measurement is recommended [nat]."""
 WIDE_NATS = 0.2
 """Bracket of the estimator from which on it is told instead of the standard error [nat]."""
-LOCAL = "local"
 LOCAL_WORDS = "local normal approximation"
 _CLEAR = 2.0
 _CLOSE = 0.7

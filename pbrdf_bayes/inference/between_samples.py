@@ -19,10 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import cumulative_trapezoid
-from scipy.optimize import brentq, minimize_scalar
-from scipy.special import ndtr
+from scipy.optimize import minimize_scalar
 
 from pbrdf_bayes.errors import DataError
+from pbrdf_bayes.inference.normal_mixture import mixture_quantiles
 
 Array = NDArray[np.float64]
 
@@ -95,7 +95,8 @@ def infer_spread(values: ArrayLike, uncertainties: ArrayLike) -> Spread:
     total = mass[-1] + density[-1] * (1.0 - u[-1])
     q025, median, q975 = (float(np.interp(p * total, mass, tau)) for p in _INTERVAL)
     weight = np.gradient(mass)
-    mean = _mean_quantiles(tau, weight / weight.sum(), y, s)
+    mu, variance = _centre(tau, y, s)
+    mean = mixture_quantiles(mu, np.sqrt(variance), weight / weight.sum(), _INTERVAL)
     return Spread(y.size, _mode(tau, y, s), q025, median, q975, mean[1], mean[0], mean[2])
 
 
@@ -138,16 +139,3 @@ def _mode(tau: Array, y: Array, s: Array) -> float:
         options={"xatol": 1e-10 * ends[1]},
     )  # fmt: skip
     return float(found.x)
-
-
-def _mean_quantiles(tau: Array, weight: Array, y: Array, s: Array) -> list[float]:
-    """Quantiles of mu: its normal law for each tau, mixed over tau."""
-    mu, variance = _centre(tau, y, s)
-    sd = np.sqrt(variance)
-
-    def excess(m: float, p: float) -> float:
-        return float(weight @ ndtr((m - mu) / sd) - p)
-
-    wide = 1e4 * (np.ptp(y) + s.max())
-    low, high = float(y.min() - wide), float(y.max() + wide)
-    return [float(brentq(excess, low, high, args=(p,), xtol=1e-12 * wide)) for p in _INTERVAL]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
@@ -18,7 +19,7 @@ _RELEVANT_NATS = 12.0
 _MAX_SD = 3.0
 _FALL = 2.0
 _REACHES = np.geomspace(1e-7, 1.0, 71)
-"""Steps at which the density is looked at, in units of the standard deviation."""
+"""Steps at which the density along an axis is looked at, in units of its standard deviation."""
 
 
 def laplace_mixture(posterior: Posterior, optima: MapResult) -> Mixture:
@@ -57,31 +58,44 @@ def _covariance(posterior: Posterior, z: Array, low: Array, high: Array) -> Arra
     eigenvalues, vectors = np.linalg.eigh(scaled)
     axes = widest[:, None] * vectors
     precisions = np.maximum(eigenvalues, 1.0)
-    for i in range(n):
+    along = _Axes(posterior, z, widest, low, high)
+    for i in np.flatnonzero(along.too_long(vectors / np.sqrt(precisions))):
         sd = 1.0 / sqrt(precisions[i])
-        limited = _limited(posterior, z, vectors[:, i], sd, widest, low, high)
-        if limited < sd:
-            precisions[i] = limited**-2
+        reach = along.reach(sd * vectors[:, i])
+        precisions[i] = (sd * reach / sqrt(2.0 * _FALL)) ** -2
     return np.asarray((axes / precisions) @ axes.T)
 
 
-def _limited(
-    posterior: Posterior, z: Array, vector: Array, sd: float, widest: Array, low: Array,
-    high: Array,
-) -> float:  # fmt: skip
-    """Standard deviation along an axis, or less: at it the density has to be within `_FALL` nats.
+@dataclass(frozen=True, eq=False)
+class _Axes:
+    """How the density falls along axes through z, in units of ``widest``.
 
-    In units of ``widest``, as the unit vector of the axis is; the side on which the density falls
-    less counts. Steps end at the support; a side on which they are cut to less than half, as that
-    of k below 0, tells nothing.
+    Steps end at the support; a side on which they are cut to less than half, as that of k below 0,
+    tells nothing. The side on which the density falls less counts.
     """
-    steps = sd * _REACHES
-    both = np.concatenate([steps, -steps])
-    points = np.clip(z + both[:, None] * (widest * vector), low, high)
-    moved = np.linalg.norm((points - z) / widest, axis=1)
-    tells = moved >= 0.5 * np.abs(both)
-    fall = posterior.log_prob_coordinates(z[None, :])[0] - posterior.log_prob_coordinates(points)
-    near = (tells & (fall < _FALL)).reshape(2, -1).any(axis=0)
-    if near[-1] or not tells[[steps.size - 1, -1]].any():
-        return sd
-    return float(steps[near].max(initial=steps[0]) / sqrt(2.0 * _FALL))
+
+    posterior: Posterior
+    z: Array
+    widest: Array
+    low: Array
+    high: Array
+
+    def too_long(self, axes: Array) -> NDArray[np.bool_]:
+        """Whether the density at the end of each column is more than `_FALL` nats lower."""
+        tells, near = self._look(axes.T)
+        return np.asarray(tells.any(axis=0) & ~near.any(axis=0))
+
+    def reach(self, axis: Array) -> float:
+        """Share of the axis at which it still is within that."""
+        _, near = self._look(_REACHES[:, None] * axis)
+        return float(_REACHES[near.any(axis=0)].max(initial=_REACHES[0]))
+
+    def _look(self, steps: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Whether steps (n_steps, n_par) tell, and are near enough: (2, n_steps), a side each."""
+        both = np.concatenate([steps, -steps])
+        points = np.clip(self.z + both * self.widest, self.low, self.high)
+        moved = np.linalg.norm((points - self.z) / self.widest, axis=1)
+        tells = moved >= 0.5 * np.linalg.norm(both, axis=1)
+        value = self.posterior.log_prob_coordinates(np.concatenate([self.z[None], points]))
+        near = tells & (value[0] - value[1:] < _FALL)
+        return tells.reshape(2, -1), near.reshape(2, -1)

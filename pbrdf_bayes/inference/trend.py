@@ -14,15 +14,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq
-from scipy.special import ndtr
+
+from pbrdf_bayes.inference.normal_mixture import mixture_quantiles
 
 Array = NDArray[np.float64]
 
 FEWEST_SAMPLES = 5
 """With fewer the interval says nothing."""
 _N_GRID = 2001
-_QUANTILES = (0.025, 0.5, 0.975)
+_QUANTILES = (0.5, 0.025, 0.975)
 
 
 @dataclass(frozen=True)
@@ -79,17 +79,5 @@ def infer_trend(places: ArrayLike, values: ArrayLike, uncertainties: ArrayLike) 
     rest = (weight * (dy - slope[:, None] * dx) ** 2).sum(axis=1)
     logs = 0.5 * (np.log(weight).sum(axis=1) - np.log(total) - np.log(precision) - rest) + jacobian
     mass: Array = np.exp(logs - logs.max())
-    return Trend(y.size, *_quantiles(slope, 1.0 / np.sqrt(precision), mass / mass.sum()))
-
-
-def _quantiles(slope: Array, sd: Array, mass: Array) -> tuple[float, float, float]:
-    """Median and ends of a mixture of normal laws."""
-    wide = 10.0 * float(np.abs(slope).max() + sd.max())
-
-    def excess(b: float, p: float) -> float:
-        return float(mass @ ndtr((b - slope) / sd) - p)
-
-    low, median, high = (
-        float(brentq(excess, -wide, wide, args=(p,), xtol=1e-12 * wide)) for p in _QUANTILES
-    )
-    return median, low, high
+    sd = 1.0 / np.sqrt(precision)
+    return Trend(y.size, *mixture_quantiles(slope, sd, mass / mass.sum(), _QUANTILES))

@@ -33,9 +33,9 @@ PDF = "report.pdf"
 DESIGN = "design.json"
 LOG = "log.txt"
 LOCK = ".lock"
+DESIGN_PAGE, PLAN = "design.html", "measurement_plan.csv"
 RUN_FILES = (
-    SUMMARY, POSTERIOR, CONFIG, REPORT, PDF, DESIGN, LOG, LOCK, "design.html",
-    "measurement_plan.csv",
+    SUMMARY, POSTERIOR, CONFIG, REPORT, PDF, DESIGN, DESIGN_PAGE, PLAN, LOG, LOCK,
 )  # fmt: skip
 _PART = ".part"
 _CHECKSUM = "posterior_sha256"
@@ -217,9 +217,8 @@ def save_analysis(analysis: Analysis, folder: Path, *, report: str, log: str) ->
     """
     summary = finite_only(analysis.summary)
     validate_summary(summary, where=str(folder))
-    posterior = tree_bytes(
-        analysis.draws
-    )  # in memory: where the disk is full, HDF5 ends the process
+    # made in memory: where the disk is full, HDF5 ends the process
+    posterior = tree_bytes(analysis.draws)
     write_bytes(folder / POSTERIOR, posterior)
     write_text(folder / CONFIG, analysis.config_toml)
     write_text(folder / LOG, log)

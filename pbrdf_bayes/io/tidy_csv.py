@@ -159,7 +159,9 @@ def read_measurement(
         content.problems.add(key)
     if content.problems.n or key is None or isinstance(key, Problem):
         raise DataError(_message(content))
-    return _build(content, key, groups[key], _flags(content, [key]))
+    return _build(
+        content, key, groups[key], count_flags(content.path, content.rows, content.words, [key])
+    )
 
 
 def read_samples(path: str | Path, *, brdf_floor: float = 0.0) -> TidyFile:
@@ -344,7 +346,7 @@ def _build_all(
     content: _Content, groups: Mapping[Key, NDArray[np.int64]], errors: dict[str, str]
 ) -> dict[Key, Measurement]:
     """Measurements of all samples; those that cannot be made go to ``errors``."""
-    flags = _flags(content, groups)
+    flags = count_flags(content.path, content.rows, content.words, groups)
     found: dict[Key, Measurement] = {}
     n_scans = 0
     for key, rows in groups.items():
@@ -388,7 +390,3 @@ def _build(content: _Content, key: Key, index: NDArray[np.int64], flags: Flags) 
     except DataError as error:
         msg = f"{content.path}: sample {show_cell(key[0])}: {error}"
         raise DataError(msg) from None
-
-
-def _flags(content: _Content, keys: Iterable[Key]) -> Flags:
-    return count_flags(content.path, content.rows, content.words, keys)

@@ -14,7 +14,6 @@ from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.verbs.arguments import DONE, add_verb, angles, grid, interrupted, seed, words
 
 _BEST_SHOWN = 10
-_LOCAL = "local"
 _EPILOG = """\
 goals: dhr:Q:THETA_I, brdf:Q:THETA_I:THETA_R, scan:Q:THETA_I or ratio:THETA_I:THETA_R, with Q one of
 s, p, u and angles in degrees; the expected standard deviation of each is told beside the
@@ -217,7 +216,7 @@ def best_table(design: dict[str, Any]) -> str:
                    *(c.rjust(w) for c, w in zip(line[1:], widths[1:], strict=True))]).rstrip()
         for line in cells
     ]  # fmt: skip
-    if any(_LOCAL in (row.get("eig_method"), row.get("sd_method")) for row in rows):
+    if any(_is_local(row, key) for row in rows for key in ("eig_method", "sd_method")):
         lines.append("* local normal approximation")
     return "\n".join([*lines, *_counts(design)])
 
@@ -232,8 +231,13 @@ def _counts(design: dict[str, Any]) -> list[str]:
 
 def _gain(row: dict[str, Any]) -> tuple[str, str]:
     """Gain and error."""
-    mark = "*" if row.get("eig_method") == _LOCAL else ""
+    mark = "*" * _is_local(row, "eig_method")
     return _unsigned(row["eig_nats"], 3) + mark, f"{row['eig_se']:.3f}"
+
+
+def _is_local(row: dict[str, Any], key: str) -> bool:
+    """Whether a figure is by the local normal approximation."""
+    return row.get(key) == "local"
 
 
 def _unsigned(value: float, decimals: int) -> str:
@@ -247,4 +251,4 @@ def _left(row: dict[str, Any], ratio: dict[str, Any]) -> str:
         return "-"
     value, se = 100.0 * ratio["ratio"], 100.0 * ratio["se"]
     places = 0 if value >= 9.95 else 1
-    return f"{value:.{places}f} +- {se:.{places}f} %" + "*" * (row.get("sd_method") == _LOCAL)
+    return f"{value:.{places}f} +- {se:.{places}f} %" + "*" * _is_local(row, "sd_method")

@@ -120,18 +120,18 @@ def list_wanted(wanted: Wanted, measurement: Measurement | None) -> tuple[Candid
     """
     scan = wanted.theta_r_deg or _scan_so_far(measurement)
     found: tuple[Candidate, ...] = ()
-    grid = GRID_DEG if wanted.theta_i_deg is None else wanted.theta_i_deg
-    for kind in wanted.kinds:
-        found += list_candidates(
-            quantities=[KINDS[kind]], theta_i_deg=grid,
+    quantities = [KINDS[kind] for kind in wanted.kinds]
+    if quantities:
+        found = list_candidates(
+            quantities=quantities,
+            theta_i_deg=GRID_DEG if wanted.theta_i_deg is None else wanted.theta_i_deg,
             polarizations=wanted.polarizations, theta_r_deg=scan, port_deg=wanted.port_deg,
             costs=wanted.costs,
         )  # fmt: skip
     if measurement is not None and wanted.theta_i_deg is None:
         again = repeats(measurement, scan, costs=wanted.costs)
-        wished = {KINDS[kind] for kind in wanted.kinds}
         found += tuple(
-            c for c in again if c.quantity in wished and c.polarization in wanted.polarizations
+            c for c in again if c.quantity in quantities and c.polarization in wanted.polarizations
         )
     if wanted.csv is not None:
         port = wanted.port_deg[0]

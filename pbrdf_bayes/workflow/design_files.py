@@ -13,6 +13,8 @@ from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.design.run import DesignChoices
 from pbrdf_bayes.io.run_folder import (
     DESIGN,
+    DESIGN_PAGE,
+    PLAN,
     REPORT,
     finite_only,
     load_analysis,
@@ -25,7 +27,6 @@ from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.workflow.candidates_csv import Wanted
 from pbrdf_bayes.workflow.next_measurement import Told, answer, ask
 
-PAGE, PLAN = "design.html", "measurement_plan.csv"
 COLUMNS = (
     "order", "quantity", "polarization", "theta_i_deg", "theta_r_lo_deg", "theta_r_hi_deg",
     "theta_r_step_deg", "port_deg", "readings", "minutes", "cumulative_minutes",
@@ -85,7 +86,7 @@ def run_design(request: DesignRequest, told: Told = lambda *_: None) -> dict[str
     at_home = folder is not None and out is not None and out.resolve() == folder.resolve()
     if out is not None and not at_home:
         refuse_other_content(
-            out, known=(DESIGN, PAGE, PLAN), what="a folder", remedy="Give another --out"
+            out, known=(DESIGN, DESIGN_PAGE, PLAN), what="a folder", remedy="Give another --out"
         )
     source = request.config if folder is None else load_analysis(folder)
     question = ask(
@@ -107,7 +108,7 @@ def _write(design: Mapping[str, Any], out: Path) -> None:
     validate_design(design, where=str(out))
     page = render_design(design)
     write_text(out / PLAN, plan_csv(design))
-    write_text(out / PAGE, page)
+    write_text(out / DESIGN_PAGE, page)
     write_text(out / DESIGN, json.dumps(design, indent=1, ensure_ascii=False) + "\n")
 
 

@@ -43,7 +43,7 @@ def predict_spectral_scene(runs: Sequence[Analysis], scene: Scene) -> tuple[Scen
     """
     found = _by_wavelength(runs)
     wanted = scene.wavelength_um or tuple(found)
-    asked = [(_nearest(w, found), replace(scene, wavelength_um=(w,))) for w in wanted]
+    asked = [(_run_of(w, found), replace(scene, wavelength_um=(w,))) for w in wanted]
     return tuple(predict_scene(run, at_one) for run, at_one in asked)
 
 
@@ -67,16 +67,14 @@ def _by_wavelength(runs: Sequence[Analysis]) -> dict[float, Analysis]:
     return dict(found)
 
 
-def _nearest(wanted: float, found: dict[float, Analysis]) -> Analysis:
+def _run_of(wanted: float, found: dict[float, Analysis]) -> Analysis:
+    """The run of a wavelength; of a single run `predict_scene` tells whether it is of another."""
     for wavelength, run in found.items():
-        if same_wavelength(wanted, wavelength):
+        if len(found) == 1 or same_wavelength(wanted, wavelength):
             return run
     there = ", ".join(f"{w:g}" for w in found)
     msg = (
-        f"wavelength_um = {wanted:g} is not that of the run, {there}: parameters belong to one "
-        "wavelength. Give a run at this wavelength, or leave the key out"
-        if len(found) == 1
-        else f"wavelength_um: there is no run of {wanted:g}, they are of {there}. Give a run at "
-        "this wavelength, or leave it out of the list"
+        f"wavelength_um: there is no run of {wanted:g}, they are of {there}. Give a run at this "
+        "wavelength, or leave it out of the list"
     )
     raise ConfigError(msg)
