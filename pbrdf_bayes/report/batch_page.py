@@ -322,18 +322,18 @@ def _spread(record: Record) -> tuple[str, ...] | None:
     s = record["spread"]
     if s is None:
         return None
+    middle, low, high = (s[k] for k in ("mean_median", "mean_q025", "mean_q975"))
     if record["logarithmic"]:
-        mean = [number(exp(s[k])) for k in ("mean_median", "mean_q025", "mean_q975")]
+        middle, low, high = exp(middle), exp(low), exp(high)
+    r = rounded(middle, (high - low) / 4.0, low=low, high=high)
+    if record["logarithmic"]:
         sd = [percent(s[k]) for k in ("sd_mode", "sd_q025", "sd_median", "sd_q975")]
         own = percent(_mean_of(record))
     else:
-        r = rounded(s["mean_median"], (s["mean_q975"] - s["mean_q025"]) / 4.0,
-                    low=s["mean_q025"], high=s["mean_q975"])  # fmt: skip
-        mean = [r.value, r.low, r.high]
         sd = [number(s[k], digits=2) for k in ("sd_mode", "sd_q025", "sd_median", "sd_q975")]
         own = number(_mean_of(record), digits=2)
     return (
-        str(s["n"]), mean[0], f"{mean[1]} to {mean[2]}", sd[0], sd[2], f"{sd[1]} to {sd[3]}", own,
+        str(s["n"]), r.value, f"{r.low} to {r.high}", sd[0], sd[2], f"{sd[1]} to {sd[3]}", own,
     )  # fmt: skip
 
 

@@ -6,13 +6,14 @@ Matplotlib would take longer than the fit where a page has hundreds of small pic
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from math import ceil, exp, floor, log, log10
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup, escape
 
-from pbrdf_bayes.report.numbers import degrees, number
+from pbrdf_bayes.report.numbers import degrees, fixed, number
 from pbrdf_bayes.report.panel import LOOKS
 
 Record = Mapping[str, Any]
@@ -135,14 +136,15 @@ def chart_range(record: Record) -> tuple[float, float]:
 
 def _ticks(low: float, high: float, y: Any, shown: Any) -> str:
     """Round values of the quantity itself, also where the axis is logarithmic."""
-    parts = []
-    for value, at in nice_ticks(low, high, shown):
-        parts.append(
-            f'<path class="grid" d="M{_LEFT} {y(at):.1f}H{_CHART[0] - _RIGHT}"/>'
-            f'<text x="{_LEFT - 7}" y="{y(at) + 4:.1f}" text-anchor="end">{number(value, digits=5)}'
-            "</text>"
-        )
-    return "".join(parts)
+    ticks = nice_ticks(low, high, shown)
+    steps = [b - a for (a, _), (b, _) in pairwise(ticks)]
+    decimals = max(ceil(-log10(steps[0]) - 1e-9), 0) if steps else 5
+    return "".join(
+        f'<path class="grid" d="M{_LEFT} {y(at):.1f}H{_CHART[0] - _RIGHT}"/>'
+        f'<text x="{_LEFT - 7}" y="{y(at) + 4:.1f}" text-anchor="end">{fixed(value, decimals)}'
+        "</text>"
+        for value, at in ticks
+    )
 
 
 def nice_ticks(low: float, high: float, shown: Any) -> list[tuple[float, float]]:

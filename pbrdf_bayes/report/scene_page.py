@@ -109,7 +109,7 @@ def _of_scene(values: SceneValues, drawn: set[str]) -> list[str]:
     if scene.stokes_incident:
         share = f", share of depolarised light {scene.depolarisation:g}"
         lines.append(
-            f"Stokes components for illumination {LOOKS[scene.stokes_incident].word}"
+            f"Stokes components for {LOOKS[scene.stokes_incident].word} illumination"
             + (share if scene.depolarisation else "")
         )
         if scene.stokes_incident != "u" and not scene.in_plane:
