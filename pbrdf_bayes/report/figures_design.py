@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from math import floor
 from typing import Any
 
 import numpy as np
@@ -80,8 +81,10 @@ def _goal(goal: Record, number_of: int) -> Picture:
     rows = goal["candidates"]
     axes = _against_incidence("standard deviation left")
     top = max(1.0, *(r["sd_ratio"] + r["sd_ratio_se"] for r in rows))
-    axes.set_ylim(0.0, 1.06 * top)
-    axes.set_yticks([0.0, 0.5, 1.0])
+    least = min(r["sd_ratio"] - r["sd_ratio_se"] for r in rows)
+    low = floor(10.0 * least) / 10.0 if least > 0.5 else 0.0
+    axes.set_ylim(low, top + 0.06 * (top - low))
+    axes.set_yticks(np.linspace(low, 1.0, 3))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{100.0 * v:.0f} %"))
     for kind in KINDS:
         here = [r for r in rows if r["quantity"] == kind]
