@@ -31,10 +31,6 @@ def test_one_paint_of_each_verdict(stored: dict[str, Any]) -> None:
     assert {paint: found["verdict"] for paint, found in stored.items()} == VERDICTS
 
 
-def test_the_page_is_that_of_the_numbers(make: ModuleType, stored: dict[str, Any]) -> None:
-    assert (FOLDER / "index.html").read_text(encoding="utf-8") == make.page(stored)
-
-
 def test_a_paint_comes_out_the_same(
     make: ModuleType, stored: dict[str, Any], tmp_path: Path
 ) -> None:
