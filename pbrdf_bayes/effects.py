@@ -134,6 +134,22 @@ class Effects:
         return self == Effects()
 
 
+def given_effects(effects: object) -> Effects:
+    """Effects as they were given to a function of the model, none for None.
+
+    Raises
+    ------
+    DomainError
+        When it is anything else, such as a mapping.
+    """
+    if effects is None:
+        return Effects()
+    if not isinstance(effects, Effects):
+        msg = f"effects = {effects!r} is no pb.Effects. Give e.g. pb.Effects(lambert=0.01)"
+        raise DomainError(msg)
+    return effects
+
+
 def _idle(values: Mapping[str, Any]) -> dict[str, str]:
     """Parameters that do nothing beside these values, and what they need."""
     shape = values.get("line_shape", Effects.line_shape)

@@ -14,7 +14,7 @@ from math import isfinite, log10
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pbrdf_bayes.effects import Effects, scene_and_columns
+from pbrdf_bayes.effects import Effects, given_effects, scene_and_columns
 from pbrdf_bayes.energy import GRAZING_DEG, check_energy
 from pbrdf_bayes.errors import DomainError
 from pbrdf_bayes.physics.brdf import evaluate
@@ -212,10 +212,11 @@ def _evaluate(
 ) -> tuple[Array, Array]:
     """BRDF and DHR of the rows, shapes (1, n_brdf) and (1, n_dhr)."""
     x = parameters.as_array()
-    if effects is None or effects.is_null:
+    added = given_effects(effects)
+    if added.is_null:
         return evaluate(geometry, x[None, :], digits)
-    check_energy(x, effects)
-    return evaluate_with_effects(geometry, *scene_and_columns(effects, x), digits)
+    check_energy(x, added)
+    return evaluate_with_effects(geometry, *scene_and_columns(added, x), digits)
 
 
 def reciprocity_ratio(

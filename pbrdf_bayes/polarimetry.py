@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pbrdf_bayes.effects import INSTRUMENT_FIELDS, Effects
+from pbrdf_bayes.effects import INSTRUMENT_FIELDS, Effects, given_effects
 from pbrdf_bayes.energy import DIFFUSE
 from pbrdf_bayes.errors import DomainError
 from pbrdf_bayes.model import Parameters, brdf
@@ -112,7 +112,7 @@ def mueller(
     angles = np.broadcast_arrays(
         *(np.asarray(x, dtype=np.float64) for x in (theta_i_deg, theta_r_deg, phi_r_deg))
     )
-    added = _of_sample(effects or Effects())
+    added = _of_sample(given_effects(effects))
     f_s, f_p = _of_s_and_p(parameters, angles, added, rtol)
     if phase not in ("fresnel", "paper"):
         msg = f"phase = {phase!r} is not known. Allowed: 'fresnel', 'paper'"

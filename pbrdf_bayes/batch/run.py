@@ -21,9 +21,10 @@ from pbrdf_bayes.batch.progress import Progress, estimate_left
 from pbrdf_bayes.batch.shared_folder import SHARE, leave_mark, remove_mark, sees_run
 from pbrdf_bayes.batch.work import Task, finished_before
 from pbrdf_bayes.compile_ahead import compile_ahead, likelihood_to_compile
-from pbrdf_bayes.config import AUTO, RunConfig
+from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.document import Document, refuse_shared_items
 from pbrdf_bayes.errors import ClusterError, ConfigError, PbrdfError
+from pbrdf_bayes.inference.effect_parameters import before_choice
 from pbrdf_bayes.inference.posterior import build_posterior
 from pbrdf_bayes.io.run_folder import locked, refuse_other_content
 from pbrdf_bayes.specification import Specification
@@ -219,11 +220,12 @@ class _Batch:
 
     def _compile(self, waiting: Sequence[int]) -> None:
         """Have the kernels of the first sample compiled, so that the workers only load them."""
-        named = replace(self.config, effects=()) if self.config.effects == AUTO else self.config
         measurement = self.jobs[waiting[0]].measurement
         assert measurement is not None
         with suppress(PbrdfError):  # its worker says what is wrong with it
-            missing = likelihood_to_compile(build_posterior(measurement, named))
+            missing = likelihood_to_compile(
+                build_posterior(measurement, before_choice(self.config))
+            )
             if missing is not None:
                 compile_ahead(missing)
 

@@ -37,6 +37,7 @@ from pbrdf_bayes.inference.effect_candidates import (
     nothing_left_out,
     of_other_shapes,
 )
+from pbrdf_bayes.inference.effect_parameters import with_own_priors
 from pbrdf_bayes.inference.effects_choice import EffectsChoice, Scored
 from pbrdf_bayes.inference.holdout import draft_of
 from pbrdf_bayes.inference.holdout_cases import Case, list_cases
@@ -100,10 +101,12 @@ def choose_effects(
     measurement = _counted_alike(measurement)
     cases = list_cases(measurement)
     base = as_chosen(measurement, config, effects=(), line_shape=config.line_shape)
+    parameter_specs(measurement, base)  # refuses priors of what there is not
     if not cases:
         words = f"{nothing_left_out(measurement)}: nothing could be left out, nothing is added."
         return base, EffectsChoice((), (), words, caution(0))
-    tried, accepted = _grow(measurement, base, cases, seed, told)
+    start = replace(base, priors={**config.priors, **base.priors})  # those of effects to be tried
+    tried, accepted = _grow(measurement, start, cases, seed, told)
     best = min(tried, key=lambda t: t.score)
     chosen = _smallest_as_good(tried, accepted)
     scored = [_score(t, best, chosen=t is chosen) for t in tried]
@@ -117,10 +120,10 @@ def choose_effects(
     symbols = {
         spec.name: spec.symbol
         for one in tried
-        for spec in parameter_specs(measurement, one.config)
+        for spec in parameter_specs(measurement, with_own_priors(one.config))
         if spec.name in one.at_bound
     }
-    return chosen.config, EffectsChoice(
+    return with_own_priors(chosen.config), EffectsChoice(
         tuple(scored), names, words, caution(len(names)), held_out, symbols
     )
 
@@ -207,7 +210,7 @@ def as_chosen(
 ) -> RunConfig:
     """The configuration that a choice made of one with ``effects = auto``."""
     base = _with_typical_n(measurement, config) if list_cases(measurement) else config
-    return replace(base, effects=effects, line_shape=line_shape)
+    return with_own_priors(replace(base, effects=effects, line_shape=line_shape))
 
 
 def _with_typical_n(measurement: Measurement, config: RunConfig) -> RunConfig:

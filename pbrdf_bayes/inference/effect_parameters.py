@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from math import log
 
 from pbrdf_bayes.config import AUTO, RunConfig
@@ -148,6 +149,17 @@ def effect_specs(config: RunConfig) -> list[ParameterSpec]:
     for name in config.effects:
         asked += EFFECT_PARAMETERS[name]
     return asked
+
+
+def with_own_priors(config: RunConfig) -> RunConfig:
+    """Without the priors of effects that it does not have: those of others to choose from."""
+    idle = EFFECT_DOMAIN.keys() - {spec.name for spec in effect_specs(config)}
+    return replace(config, priors={n: t for n, t in config.priors.items() if n not in idle})
+
+
+def before_choice(config: RunConfig) -> RunConfig:
+    """What ``effects = auto`` starts from; any other configuration as it is."""
+    return with_own_priors(replace(config, effects=())) if config.effects == AUTO else config
 
 
 def build_scene(config: RunConfig, names: tuple[str, ...]) -> Scene | None:

@@ -164,20 +164,29 @@ def lag1_of(values: Array, weight: Array) -> float:
     return _ratio(*_neighbours(values, weight))
 
 
-def white_noise_dex(posterior: Posterior) -> float:
+def white_noise_dex(posterior: Posterior, x: Array) -> float:
     """Median over scans of the noise that second differences along theta_r show [dex].
 
     Smooth curves and smooth misfits cancel in second differences; repeated angles do not disturb.
-    Readings less than a few times the floor do not count.
+    Where a lobe is narrow beside the steps its curvature does not: differences are taken of the
+    readings and of their residuals about the model, and the smaller of the two counts, since either
+    has the noise and more. Readings less than a few times the floor do not count.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    x : ndarray, shape (n_par,)
+        Physical units, where the model comes closest to the readings.
     """
     rows = posterior.rows
+    residual = log_residuals(posterior, posterior.predict(x[None, :])[0][0])
     clear = weight_beside_floor(np.exp(rows.y), posterior.config.brdf_floor, 0.1) > _CLEAR_OF_FLOOR
     clear &= ~rows.censored
     levels = []
     for scan in posterior.measurement.scans:
-        y = rows.y[scan.rows][clear[scan.rows]]
-        if y.size >= 5:
-            levels.append(np.sqrt(np.mean(np.diff(y, 2) ** 2) / 6.0))
+        kept = [values[scan.rows][clear[scan.rows]] for values in (rows.y, residual)]
+        if kept[0].size >= 5:
+            levels.append(min(np.sqrt(np.mean(np.diff(y, 2) ** 2) / 6.0) for y in kept))
     return float(np.median(levels) / _LN10) if levels else float("nan")
 
 

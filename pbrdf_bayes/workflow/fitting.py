@@ -28,6 +28,7 @@ from pbrdf_bayes.inference.common_misfit import compare_misfits
 from pbrdf_bayes.inference.dhr_misfit import measure_dhr_misfit
 from pbrdf_bayes.inference.diagnostics import assess_identifiability, run_diagnostics
 from pbrdf_bayes.inference.discrepancy_size import measure_discrepancy
+from pbrdf_bayes.inference.effect_parameters import before_choice
 from pbrdf_bayes.inference.effects_choice import EffectsChoice
 from pbrdf_bayes.inference.ensembles import Checkpoint
 from pbrdf_bayes.inference.holdout import run_holdout
@@ -196,7 +197,8 @@ def _fit_posterior(
             holdout = run_holdout(m, config, seed=seed, checkpoint=checkpoint("holdout"))
         cases = list_cases(m) if wanted == "all" else ()
         holdouts = run_cases(posterior, optima.best.x, cases, seed=seed)
-    repeatability = find_repeatability(m, white_noise_dex(posterior), config.brdf_floor)
+    noise = white_noise_dex(posterior, best_x)
+    repeatability = find_repeatability(m, noise, config.brdf_floor)
     told = dict(zip(identifiability.names, identifiability.honest.tolist(), strict=True))
     applicability = judge_applicability(
         best_rms_dex=best_rms, repeatability=repeatability, at_bound=identifiability.at_bound,
@@ -341,8 +343,7 @@ def fit_into(
     clock, wanted = _Clock(observer or Observer()), paperwork or Paperwork()
     with clock.stage("check"):
         checks = check_measurement(measurement)
-        named = replace(config, effects=()) if config.effects == AUTO else config
-        posterior = build_posterior(measurement, named)
+        posterior = build_posterior(measurement, before_choice(config))
         refuse_impossible_priors(posterior)
         refuse_untold_instrument(posterior)
     if not (resume and folder.is_dir()):

@@ -54,6 +54,26 @@ def test_diffuse_scatter_is_found():
     assert len(choice.cases) == 5  # three angles, p from s, s from p
 
 
+def test_priors_of_effects_hold_where_these_are_tried():
+    """A prior of what is not chosen is left out of the configuration that the run goes on with."""
+    priors = {
+        "lambert": {"kind": "uniform", "low": 0.0, "high": 0.05},
+        "asymmetry": {"kind": "uniform", "low": 0.0, "high": 0.95},
+    }
+    asked = replace(AUTO, priors=priors)
+    config, choice = choose_effects(simulated(3, Effects(lambert=0.02)), asked, seed=1)
+    sizes = {c.name: c.n_free for c in choice.candidates}
+    assert sizes["volume"] == sizes["lambert"] + 1  # the asymmetry is free
+    assert config.effects in (("lambert",), ("bulk",))
+    assert config.priors == ({"lambert": priors["lambert"]} if "lambert" in config.effects else {})
+
+
+def test_a_misspelt_prior_is_refused_before_anything_is_tried():
+    asked = replace(AUTO, priors={"asymetry": {"kind": "uniform", "low": 0.0, "high": 0.95}})
+    with pytest.raises(ConfigError, match=r"priors\.asymetry: no such parameter"):
+        choose_effects(simulated(3), asked, seed=1)
+
+
 def test_one_angle_and_one_polarisation_leave_nothing_to_choose_by():
     measurement = simulate_measurement(
         GREEN_PAINT, seed=1, theta_i_deg=(20.0,), theta_r_deg=GRID, polarizations=("s",)

@@ -89,22 +89,44 @@ def test_white_noise_is_found_under_a_smooth_misfit(green: pb.Parameters) -> Non
     smooth = 0.2 * np.sin(np.linspace(0.0, 6.0, 321))
     noise = 0.01
     given = {a: smooth + rng.normal(0.0, noise, 321) for a in (20.0, 40.0, 60.0)}
-    assert white_noise_dex(with_residuals(green, given)) == pytest.approx(noise, rel=0.15)
+    assert white_noise_dex(with_residuals(green, given), at(green)) == pytest.approx(
+        noise, rel=0.15
+    )
+
+
+@pytest.mark.parametrize("rho0", [0.01, 0.02, 0.1, 0.47])
+def test_the_curvature_of_a_narrow_peak_is_no_noise(rho0: float) -> None:
+    """Steps of 1 deg over a lobe of 0.6 deg; a smooth misfit of 12 % beside the noise."""
+    paint = pb.Parameters(n=1.526, k=0.193, sigma_n0=0.4528, rho0=rho0)
+    rng = np.random.default_rng(5)
+    smooth = 0.05 * np.sin(np.linspace(0.0, 6.0, 141))
+    given = {a: smooth + rng.normal(0.0, 0.0087, 141) for a in (20.0, 40.0, 60.0)}
+    found = white_noise_dex(with_residuals(paint, given), at(paint))
+    assert found == pytest.approx(0.0087, rel=0.15)
+
+
+def test_a_model_that_is_off_adds_no_noise(green: pb.Parameters) -> None:
+    """Residuals about a peak that is not there are bent more than the readings."""
+    rng = np.random.default_rng(6)
+    given = {a: rng.normal(0.0, 0.0087, 141) for a in (20.0, 40.0, 60.0)}
+    sharp = np.append(pb.Parameters(n=1.526, k=0.193, sigma_n0=0.4528, rho0=0.01).as_array(), 0.02)
+    found = white_noise_dex(with_residuals(green, given), sharp)
+    assert found == pytest.approx(0.0087, rel=0.15)
 
 
 def test_white_noise_is_the_median_over_scans(green: pb.Parameters) -> None:
     rng = np.random.default_rng(4)
     given = {a: rng.normal(0.0, s, 2000) for a, s in ((20.0, 0.01), (40.0, 0.02), (60.0, 0.3))}
-    assert white_noise_dex(with_residuals(green, given)) == pytest.approx(0.02, rel=0.1)
+    assert white_noise_dex(with_residuals(green, given), at(green)) == pytest.approx(0.02, rel=0.1)
 
 
 def test_short_scans_tell_nothing_about_noise(
     green: pb.Parameters, make_measurement: Callable[..., Measurement]
 ) -> None:
-    assert math.isnan(white_noise_dex(with_residuals(green, {20.0: np.zeros(4)})))
+    assert math.isnan(white_noise_dex(with_residuals(green, {20.0: np.zeros(4)}), at(green)))
     dhr = make_measurement([("dhr", "s", 20.0, math.nan, 0.05)])
     posterior = pb.build_posterior(dhr, pb.RunConfig(noise="iid"))
-    assert math.isnan(white_noise_dex(posterior))
+    assert math.isnan(white_noise_dex(posterior, at(green)))
     found = compute_residuals(posterior, at(green))
     assert math.isnan(found.rms)
     assert math.isnan(found.lag1)

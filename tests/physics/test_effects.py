@@ -50,6 +50,28 @@ def test_volume_scatter_in_the_hemisphere(theta_i, b):
     assert volume_dhr(theta_i, 0.3, b) == pytest.approx(hemisphere(f, theta_i, 0.2), rel=1e-8)
 
 
+@pytest.mark.parametrize("theta_i_deg", [88.0, 89.0, 89.5, 89.9, 89.95])
+def test_volume_scatter_at_grazing_incidence(theta_i_deg):
+    """Isotropic: 4 h [1 - c ln((1 + c)/c)]; b = 0.45: the azimuth by equal steps, theta by quad."""
+    theta_i = np.deg2rad(theta_i_deg)
+    c = np.cos(theta_i)
+    isotropic = 4.0 * 0.3 * (1.0 - c * np.log((1.0 + c) / c))
+    assert volume_dhr(theta_i, 0.3, 0.0) == pytest.approx(isotropic, rel=1e-8)
+
+    phi = np.arange(64) * np.pi / 32.0
+
+    def ring(from_horizon):
+        theta_r = HALF_PI - from_horizon
+        cosines = phase_cosine(theta_i, theta_r, phi)
+        f = [volume_brdf(c, np.cos(theta_r), one, 0.3, 0.45) for one in cosines]
+        return 2.0 * np.pi * np.mean(f) * np.cos(theta_r) * np.sin(theta_r)
+
+    h = HALF_PI - theta_i
+    cuts = [0.0, 0.1 * h, h, 4.0 * h, 20.0 * h, HALF_PI]
+    parts = (quad(ring, a, b, epsrel=1e-11, limit=200)[0] for a, b in pairwise(cuts))
+    assert volume_dhr(theta_i, 0.3, 0.45) == pytest.approx(sum(parts), rel=1e-8)
+
+
 @pytest.mark.parametrize("theta_i", ANGLES)
 @pytest.mark.parametrize("width", [0.005, 0.05, 0.3])
 def test_backscatter_in_the_hemisphere(theta_i, width):

@@ -288,3 +288,8 @@ def test_what_passes_as_conserving_energy_does(values):
 def test_values_out_of_range_are_refused(values, words):
     with pytest.raises(DomainError, match=words):
         Effects(**values)
+
+
+def test_effects_that_are_no_record_are_refused():
+    with pytest.raises(DomainError, match=r"is no pb\.Effects\. Give e\.g\. pb\.Effects"):
+        brdf(GREEN_PAINT, 20.0, 20.0, "s", effects={"lambert": 0.1})

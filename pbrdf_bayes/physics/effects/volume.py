@@ -56,8 +56,11 @@ def elliptic_e(m: float) -> float:
 
 @compiled()
 def volume_dhr(theta_i: float, strength: float, b: float) -> float:
-    """DHR [1] at the angle of incidence [rad]."""
-    theta, weight = polar_nodes(theta_i, 1.0 - b)
+    """DHR [1] at the angle of incidence [rad].
+
+    Towards grazing incidence 1/(c_i + c_r) varies over the distance from the horizon, twice over.
+    """
+    theta, weight = polar_nodes(theta_i, min(1.0 - b, pi - 2.0 * theta_i))
     total = 0.0
     for i in range(theta.size):
         total += weight[i] * _ring(theta_i, theta[i], b)
