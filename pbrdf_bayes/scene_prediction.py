@@ -245,7 +245,7 @@ def _of_run(analysis: Analysis, scene: Scene) -> DrawnModel:
         "bands": f"5 %, 50 % and 95 % of {scene.n_draws} draws of the posterior",
     }
     judged = summary.get("applicability") or {}
-    if judged.get("verdict", "applies") != "applies":
+    if judged.get("verdict", "applies") != "applies" or judged.get("caveats"):
         source["applicability"] = str(judged["statement"])
     found = DrawnModel(
         x, names, config["line_shape"], config["fresnel_at"],

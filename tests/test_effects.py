@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -10,6 +12,7 @@ import pytest
 import pbrdf_bayes as pb
 from pbrdf_bayes.cli import main
 from pbrdf_bayes.effects import effects_of_fit
+from pbrdf_bayes.inference.effect_parameters import EFFECT_PARAMETERS, LINE_SHAPE_PARAMETERS
 from pbrdf_bayes.workflow.parameters_json import read_parameters
 
 pytestmark = pytest.mark.usefixtures("signals_as_before")
@@ -52,3 +55,15 @@ def test_a_fit_may_end_at_a_strength_of_zero() -> None:
     wanted = pb.Effects(line_shape="cauchy", nu=1.4, backscatter=0.01, backscatter_width=0.2)
     assert effects == wanted
     assert effects_of_fit({"eta": 0.3}).is_null
+
+
+def test_the_readme_states_the_prior_of_every_parameter() -> None:
+    text = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    section = text.split("## Effects")[1].split("\n## ")[0]
+    rows = re.findall(r"^\| `.*\|$", section, re.MULTILINE)
+    for name, specs in EFFECT_PARAMETERS.items():
+        row = next(line for line in rows if f"`{name}`" in line.split("|")[1])
+        stated = row.split("|")[4].strip()
+        assert stated == "; ".join(dict.fromkeys(spec.prior.describe() for spec in specs)), name
+    for spec in (spec for specs in LINE_SHAPE_PARAMETERS.values() for spec in specs):
+        assert re.search(rf"`{spec.name}`\s(?:has\s)?{re.escape(spec.prior.describe())}", section)

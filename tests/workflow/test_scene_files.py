@@ -203,16 +203,18 @@ def test_half_and_whole_circle_draw_the_same_angles_of_polarisation():
     assert drawn[0].svg == drawn[1].svg == drawn[2].svg
 
 
-def test_the_page_of_a_run_says_where_the_model_does_not_apply(finished_run, here, tmp_path):
+def test_the_page_of_a_run_says_what_does_not_apply_or_was_assumed(finished_run, here, tmp_path):
     folder = Path(shutil.copytree(finished_run, tmp_path / "run"))
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    for verdict, shown in (("applies", False), ("descriptive only", True)):
-        told = {**summary["applicability"], "verdict": verdict, "statement": "No constants."}
-        text = json.dumps({**summary, "applicability": told})
+    assumed = ["n = 1.5 was assumed, not measured."]
+    cases = (("applies", [], False), ("applies", assumed, True), ("descriptive only", [], True))
+    for i, (verdict, caveats, shown) in enumerate(cases):
+        told = {"verdict": verdict, "caveats": caveats, "statement": "What is to be known."}
+        text = json.dumps({**summary, "applicability": {**summary["applicability"], **told}})
         (folder / "summary.json").write_text(text, encoding="utf-8")
-        assert ask(PLANE, folder, out=f"o{shown}") == 0
-        page = Path(f"o{shown}/scene.html").read_text(encoding="utf-8")
-        assert ("applicability of the model: No constants." in page) == shown
+        assert ask(PLANE, folder, out=f"o{i}") == 0
+        page = Path(f"o{i}/scene.html").read_text(encoding="utf-8")
+        assert ("applicability of the model: What is to be known." in page) == shown
 
 
 def test_half_and_whole_circle_draw_the_same_map():
