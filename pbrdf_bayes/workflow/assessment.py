@@ -6,7 +6,8 @@ the two have in common: they would cancel in a difference, which is so stated to
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from math import isfinite
 from typing import Any
 
@@ -31,6 +32,10 @@ from pbrdf_bayes.workflow.measurands import Sample, draw_measurands, sample_of
 
 Array = NDArray[np.float64]
 
+_MOST_OF_PRIOR = 0.1
+"""Share of the prior in a prediction beyond which a verdict on it would be the prior's."""
+_PRIOR_DRAWS = 2000
+_TINY = 1e-300
 PARAMETERS = (*DOMAIN, *EffectValues._fields)
 """What a limit on a parameter may name."""
 
@@ -93,11 +98,13 @@ def assess_conformity(
         finest = min(finest, other.ess_finest(specification.n_points))
         of_reference = _shuffled(other, specification, len(sample.x))
     measurands = []
+    own = _reservations(specification.limits, sample)
+    of_other = _reservations(specification.limits, other) if other is not None else {}
     for limit in specification.limits:
-        found, reserved = values[limit.name], _reservation(limit, sample)
+        found, reserved = values[limit.name], own[limit.name]
         if limit.difference and other is not None:
             found = _difference(limit, found, of_reference[limit.name])
-            reserved = reserved or _of_reference(_reservation(limit, other))
+            reserved = reserved or _of_reference(of_other[limit.name])
         cube = found.reshape(*sample.shape, -1)
         measurands.append(Measurand(cube, limit.lower, limit.upper, limit.guard, reserved))
     judged, overall = judge_limits(
@@ -151,8 +158,47 @@ def _difference(limit: Limit, sample: Array, reference: Array) -> Array:
     return np.asarray(np.log10(sample) - np.log10(reference))
 
 
+def _reservations(limits: Sequence[Limit], sample: Sample) -> dict[str, str]:
+    """Why no verdict may be given on each limit; empty where one may."""
+    unclear = [
+        name for name, row in sample.analysis.summary["parameters"].items()
+        if row["kind"] == "physical" and not row["identified"]
+    ]  # fmt: skip
+    predicted = [limit for limit in limits if limit.quantity != "parameter"]
+    shares = prior_shares(sample, predicted) if unclear and predicted else {}
+    words = f"the readings do not identify {', '.join(unclear)}: the prior would decide"
+    return {
+        limit.name: _reservation(limit, sample)
+        or (words if shares.get(limit.name, 0.0) > _MOST_OF_PRIOR else "")
+        for limit in limits
+    }
+
+
+def prior_shares(sample: Sample, limits: Sequence[Limit]) -> dict[str, float]:
+    """Share that the prior has in what is known of each prediction, at its worst point.
+
+    var(ln Y | readings) / var(ln Y) for Y of the model alone: for normal laws the precision of the
+    prior over that of the posterior, hence the weight of the prior's mean in the posterior's.
+
+    Parameters
+    ----------
+    sample : Sample
+    limits : sequence of Limit
+        None of them on a parameter.
+    """
+    rng = np.random.default_rng([int(sample.analysis.summary["seed"]), 10])
+    before = replace(sample, x=sample.posterior.sample_prior(rng, _PRIOR_DRAWS))
+    found = [draw_measurands(s, limits, with_paths=False) for s in (sample, before)]
+    after, ahead = ({name: _log_variance(y) for name, y in values.items()} for values in found)
+    return {name: float(np.max(v / np.maximum(ahead[name], _TINY))) for name, v in after.items()}
+
+
+def _log_variance(values: Array) -> Array:
+    return np.asarray(np.var(np.log(np.maximum(values, _TINY)), axis=0))
+
+
 def _reservation(limit: Limit, sample: Sample) -> str:
-    """Why no verdict may be given on a limit; empty where one may."""
+    """The same from what the summary of the run says."""
     summary = sample.analysis.summary
     applicability = summary["applicability"]["verdict"]
     if summary["status"] != "done":

@@ -92,8 +92,13 @@ def sample_of(analysis: Analysis, *, n_points: int = 1) -> Sample:
     return Sample(analysis, posterior, kept.reshape(-1, cube.shape[-1]), kept.shape[:2])
 
 
-def draw_measurands(sample: Sample, limits: Iterable[Limit]) -> dict[str, Array]:
-    """Draws of what each limit is on, shape (n_draws, n_points), by the name of the limit."""
+def draw_measurands(
+    sample: Sample, limits: Iterable[Limit], *, with_paths: bool = True
+) -> dict[str, Array]:
+    """Draws of what each limit is on, shape (n_draws, n_points), by the name of the limit.
+
+    The model alone, without discrepancy, where ``with_paths`` is false.
+    """
     limits = list(limits)
     rng = np.random.default_rng([int(sample.analysis.summary["seed"]), 8])
     drawn, measured = _model(sample), _measured(sample)
@@ -102,7 +107,8 @@ def draw_measurands(sample: Sample, limits: Iterable[Limit]) -> dict[str, Array]
         for keys, theta_r in _points(limit, measured):
             for key in keys:
                 asked.setdefault(key, set()).add(theta_r)
-    brdf = _draw_brdf(sample, drawn, {key: np.array(sorted(v)) for key, v in asked.items()}, rng)
+    angles = {key: np.array(sorted(v)) for key, v in asked.items()}
+    brdf = _draw_brdf(sample, drawn, angles, rng if with_paths else None)
     found = {}
     for limit in limits:
         if limit.quantity == "parameter":
@@ -165,9 +171,9 @@ def _sources(measured: Set[Key], key: Key) -> tuple[Key, ...]:
 
 
 def _draw_brdf(
-    sample: Sample, drawn: DrawnModel, asked: Mapping[Key, Array], rng: np.random.Generator
+    sample: Sample, drawn: DrawnModel, asked: Mapping[Key, Array], rng: np.random.Generator | None
 ) -> dict[Key, tuple[Array, Array]]:
-    """Scattering angles and draws of the BRDF of the sample, by group."""
+    """Scattering angles and draws of the BRDF, by group; of the model alone for None."""
     if not asked:
         return {}
     keys = list(asked)
@@ -180,7 +186,7 @@ def _draw_brdf(
         dhr_theta_i=_NONE, dhr_polarization=_NO_WORDS,
     )  # fmt: skip
     values = drawn.evaluate(geometry)[0]
-    if "tau" in sample.posterior.parameter_names:
+    if rng is not None and "tau" in sample.posterior.parameter_names:
         values = values * np.exp(draw_paths(sample.posterior, sample.x, asked, rng))
     starts = np.cumsum([0, *sizes])
     return {

@@ -24,12 +24,13 @@ from pbrdf_bayes.io.document_toml import read_document
 from pbrdf_bayes.io.limits_toml import read_limits, specification_from_table
 from pbrdf_bayes.io.print_pdf import find_browser, print_pdf
 from pbrdf_bayes.io.run_folder import load_analysis
+from pbrdf_bayes.measurement import measurement_from_columns
 from pbrdf_bayes.report import render_report
 from pbrdf_bayes.report.document import css_string
 from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.specification import DecisionRule, Limit, Specification
 from pbrdf_bayes.verbs.conform import text_table
-from pbrdf_bayes.workflow.assessment import assess_conformity
+from pbrdf_bayes.workflow.assessment import assess_conformity, prior_shares
 from pbrdf_bayes.workflow.fitting import fit_file
 from pbrdf_bayes.workflow.measurands import draw_measurands, sample_of
 
@@ -81,6 +82,45 @@ date_measured = "2026-03-02/2026-03-05"
 date_issued = 2026-03-09
 note = "first line\\nsecond line"
 """
+
+
+def test_a_prediction_that_the_prior_makes_is_not_decided() -> None:
+    """One DHR reading: it tells the DHR close by, and next to nothing of that of p at 65 deg."""
+    m = measurement_from_columns(
+        sample="one", wavelength_um=1.0, quantity=["dhr"], polarization=["s"], theta_i_deg=[10.0],
+        theta_r_deg=[np.nan], value=pb.dhr(pb.GREEN_PAINT, [10.0], "s"), sigma=[0.002],
+    )  # fmt: skip
+    found = pb.fit(m, pb.RunConfig(accuracy="draft", holdout="none"), seed=1)
+    assert not any(row["identified"] for row in found.summary["parameters"].values())
+    places = {"at the reading": ("s", 10.0), "close by": ("p", 15.0), "far": ("p", 65.0)}
+    limits = tuple(
+        Limit(name=name, quantity="dhr", polarization=q, theta_i_deg=(angle,), upper=0.9)
+        for name, (q, angle) in places.items()
+    )
+    shares = prior_shares(sample_of(found), limits)
+    spread = {
+        name: np.var(np.log(draw_dhr(found, q, angle))) for name, (q, angle) in places.items()
+    }
+    posterior = pb.build_posterior(m, pb.RunConfig(accuracy="draft"))
+    prior = posterior.sample_prior(np.random.default_rng(1), 2000)
+    for name, (q, angle) in places.items():
+        before = np.var(np.log(dhr_of(prior, q, angle)))
+        assert shares[name] == pytest.approx(spread[name] / before, rel=0.2)
+    judged = assess_conformity(found, Specification(limits=limits))["limits"]
+    assert [limit["verdict"] for limit in judged] == ["ACCEPT", "ACCEPT", "UNDECIDED"]
+    assert judged[2]["reason"].endswith("sigma_n0, rho0: the prior would decide")
+
+
+def draw_dhr(found: Analysis, q: str, angle: float) -> np.ndarray:
+    """DHR of every fourth draw, one by one."""
+    draws = found.draws["posterior"].dataset
+    x = np.stack([draws[name].to_numpy().ravel()[::4] for name in ("n", "k", "sigma_n0", "rho0")])
+    return dhr_of(x.T, q, angle)
+
+
+def dhr_of(sets: np.ndarray, q: str, angle: float) -> np.ndarray:
+    paints = [pb.Parameters(n=n, k=k, sigma_n0=a, rho0=r) for n, k, a, r in sets]
+    return np.array([float(pb.dhr(paint, angle, q)) for paint in paints])
 
 
 @pytest.fixture(scope="module")
