@@ -90,6 +90,8 @@ class Limit:
         if self.quantity == "dhr":
             self._refuse("theta_r_deg", "phi_r_deg")
             self._refuse_no_share()
+        elif not self.difference:
+            self._refuse_not_positive()
         self._check_angles()
 
     @property
@@ -122,6 +124,15 @@ class Limit:
             if isfinite(value) and not 0.0 <= value <= 1.0 and not self.difference:
                 percent = f": {value:g} % is {value / 100.0:g}" * (1.0 < value <= 100.0)
                 msg = f"{key} = {value:g} is not allowed: a DHR is a share in [0, 1]{percent}"
+                raise ConfigError(msg)
+
+    def _refuse_not_positive(self) -> None:
+        """A limit on a BRDF or a ratio of two below 0 would never bind, or always."""
+        for key in ("lower", "upper"):
+            value = getattr(self, key)
+            if isfinite(value) and (value < 0.0 or value == self.upper == 0.0):
+                what = "a BRDF" if self.quantity == "brdf" else "a ratio of two BRDFs"
+                msg = f"{key} = {value:g} is not allowed: {what} is above 0"
                 raise ConfigError(msg)
 
     def _refuse(self, *keys: str) -> None:

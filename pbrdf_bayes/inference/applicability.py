@@ -166,6 +166,18 @@ def list_assumed(
     return tuple(found)
 
 
+def list_only_bounded(null_at: Collection[str]) -> tuple[str, ...]:
+    """What the best fit has at the end of what is possible, in sentences.
+
+    Parameters
+    ----------
+    null_at : collection of str
+        Parameters that an optimum has at their null value, of those that the readings identify.
+    """
+    bounded = "k is 0 at the best fit: the readings tell how large it is at most, and no value."
+    return (bounded,) * ("k" in null_at)
+
+
 def judge_applicability(
     *, best_rms_dex: float, repeatability: Repeatability, at_bound: Collection[str],
     held_out: Mapping[str, float], untested: str = "", assumed: Sequence[str] = (),
@@ -186,7 +198,8 @@ def judge_applicability(
     untested : str
         Why no angle was left out, or how to have that done, where none was.
     assumed : sequence of str
-        Sentences on what was assumed, see `list_assumed`.
+        Sentences on what was assumed or bounded from above only, see `list_assumed` and
+        `list_only_bounded`.
     extended : bool
         Effects were tried or are part of the model: the advice is not to try them again.
 

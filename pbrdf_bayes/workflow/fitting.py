@@ -21,6 +21,7 @@ from pbrdf_bayes.inference.applicability import (
     held_out_rms,
     judge_applicability,
     list_assumed,
+    list_only_bounded,
 )
 from pbrdf_bayes.inference.bands import scan_scales
 from pbrdf_bayes.inference.choose_effects import choose_effects, time_likelihood
@@ -204,7 +205,8 @@ def _fit_posterior(
         best_rms_dex=best_rms, repeatability=repeatability, at_bound=identifiability.at_bound,
         held_out={**(choice.held_out if choice is not None else {}), **held_out_rms(holdouts)},
         untested=why_no_angle_left_out(m, wanted),
-        assumed=list_assumed(posterior.specs, config.priors, told),
+        assumed=list_assumed(posterior.specs, config.priors, told)
+        + list_only_bounded(identifiability.null_at),
         extended=choice is not None or bool(config.additions),
     )  # fmt: skip
     diagnostics = run_diagnostics(

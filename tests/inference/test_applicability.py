@@ -20,6 +20,7 @@ from pbrdf_bayes.inference.applicability import (
     held_out_rms,
     judge_applicability,
     list_assumed,
+    list_only_bounded,
 )
 from pbrdf_bayes.inference.holdout import Holdout
 from pbrdf_bayes.inference.holdout_cases import why_no_angle_left_out
@@ -114,6 +115,15 @@ def test_angles_that_were_not_left_out_are_not_passed_over_in_silence():
     one = simulate_measurement(GREEN_PAINT, seed=1, theta_i_deg=(20.0,))
     assert "two angles of incidence" in why_no_angle_left_out(one, "all")
     assert why_no_angle_left_out(measurement, "all") == ""
+
+
+def test_a_dielectric_has_a_limit_of_k_and_no_value():
+    assert list_only_bounded(("sigma_n0",)) == ()
+    found = judge(assumed=list_only_bounded(("k",)))
+    assert found.verdict == "applies"
+    assert found.caveats == (
+        "k is 0 at the best fit: the readings tell how large it is at most, and no value.",
+    )
 
 
 def test_what_was_assumed_is_no_finding():

@@ -409,6 +409,7 @@ def test_conform_writes_json_and_report(
         (LIMITS.replace("glare & co", "index"), "given twice"),
         (LIMITS.replace('theta_r_deg = "-60:60:20"\n', ""), "theta_r_deg is missing"),
         (LIMITS.replace("upper = 10.0", 'upper = "10"'), "finite number"),
+        (LIMITS.replace("10.0", "-1.0"), "upper = -1 is not allowed: a BRDF is above 0"),
         (DHR.replace("0.5", "50"), "upper = 50 is not allowed: a DHR is a share in [0, 1]: 50 %"),
         (DHR.replace("upper = 0.5", "lower = -0.2"), "lower = -0.2 is not allowed"),
         (DHR + "phi_r_deg = 90\n", "phi_r_deg does not go with quantity = 'dhr'"),
