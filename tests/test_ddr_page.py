@@ -55,6 +55,7 @@ def test_one_reading_is_as_good_as_its_noise_lets_it_be(
         for d in (step, -step)
     )  # fmt: skip
     least = make.U_DHR * 2.0 * step / abs(float(up - down))
+    assert make.least_spread(p, row["port"], make.U_DHR) == pytest.approx(least)
     assert 0.85 * least < row["sd_rho0"] < 1.6 * least
 
 
