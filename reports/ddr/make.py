@@ -306,10 +306,11 @@ def finding(table: Sequence[Mapping[str, Any]]) -> str:
             f"{_percent(scan['sd_rho0'])} by the scan and {_percent(one['sd_rho0'])} by a reading "
             f"at 20° ({paint.name}, ρ₀ = {paint.rho0:g})"
         )
+    worst = max(r["sd_rho0"] for r in _brights(table))
     answer = "Yes" if max(ratios) < AS_GOOD else "Not quite"
     return (
         f"{answer}, while the model holds and the sphere repeats to {U_DHR}: one DDR reading of s "
-        f"light at 60°, with the right port, tells ρ₀ within {_percent(max(r['sd_rho0'] for r in _brights(table)))}: "
+        f"light at 60°, with the right port, tells ρ₀ within {_percent(worst)}: "
         f"{'; '.join(told)}. Predicted curves are then known alike. {noisier(table)}"
     )
 
