@@ -9,7 +9,7 @@ from math import exp
 from typing import Any
 from urllib.parse import quote
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from pbrdf_bayes.report.conformity import LOOK_OF, WORDS, probability_text
 from pbrdf_bayes.report.figures_batch import control_chart, sparkline
@@ -151,7 +151,15 @@ def _present(*counts: tuple[str, str, int]) -> list[tuple[str, str, int]]:
     return [one for one in counts if one[2]]
 
 
-def _lead(index: Record) -> str:
+def _lead(index: Record) -> Markup:
+    """What came out, and what is to be looked at, in a few sentences."""
+    if not index["finished"]:
+        return escape(_results_lead(index))
+    groups = index["by_wavelength"]
+    return escape(f"{_results_lead(index)}{_chart_lead(groups)}") + _drift_lead(groups)
+
+
+def _results_lead(index: Record) -> str:
     n, rows = index["n_samples"], index["samples"]
     if not index["finished"]:
         done = len(rows) - sum(_is_open(row) for row in rows)
@@ -166,7 +174,7 @@ def _lead(index: Record) -> str:
         one = repeats == 1
         text += f". {repeats} {'has' if one else 'have'} the readings of another and "
         text += f"{'is' if one else 'are'} not counted again"
-    return f"{_conformity_lead(rows)}{text}.{_chart_lead(index['by_wavelength'])}"
+    return f"{_conformity_lead(rows)}{text}."
 
 
 def _samples(n: int) -> str:
@@ -202,9 +210,21 @@ def _chart_lead(groups: Sequence[Record]) -> str:
         for i, out in enumerate(record["chart"]["beyond"]) if out
     }  # fmt: skip
     if not beyond:
-        return " None is beyond the limits of a control chart."
-    verb = "is" if len(beyond) == 1 else "are"
-    return f" {len(beyond)} {verb} beyond the limits of a control chart."
+        return " None is beyond its limits in a control chart."
+    verb, limits = ("is", "its limits") if len(beyond) == 1 else ("are", "their limits")
+    return f" {len(beyond)} {verb} beyond {limits} in a control chart."
+
+
+def _drift_lead(groups: Sequence[Record]) -> Markup:
+    """A sentence for each parameter that drifts."""
+    text = Markup()
+    for group in groups:
+        at = f" at {number(group['wavelength_um'], digits=6)} µm" if len(groups) > 1 else ""
+        for record in group["parameters"].values():
+            if record["trend"] and record["trend"]["seen"]:
+                symbol = symbol_markup(record["symbol"])
+                text += Markup(" <i>{}</i>{} drifts: {}.").format(symbol, at, _drift(record))
+    return text
 
 
 def _sample_row(i: int, row: Record, names: Sequence[str]) -> SampleRow:
@@ -304,17 +324,21 @@ def _section(name: str, record: Record, rows: Sequence[Record], at: str) -> Para
 
 def _trend(record: Record) -> str:
     """Whether the parameter drifts, in a sentence; empty where samples are too few."""
-    t = record["trend"]
-    if t is None:
+    if record["trend"] is None:
         return ""
+    seen = "Trend" if record["trend"]["seen"] else "No trend is seen"
+    return f"{seen}: {_drift(record)}."
+
+
+def _drift(record: Record) -> str:
+    """Change from a sample to the next, with equal decimals; relative where that is meant."""
+    t = record["trend"]
     ends = [t["slope_median"], t["slope_q025"], t["slope_q975"]]
+    unit = ""
     if record["logarithmic"]:
-        slope, low, high = (number(100.0 * (exp(b) - 1.0), digits=2) for b in ends)
-        text = f"{slope} % from a sample to the next (95 % interval {low} to {high} %)"
-    else:
-        r = rounded(ends[0], (ends[2] - ends[1]) / 4.0, low=ends[1], high=ends[2])
-        text = f"{r.value} from a sample to the next (95 % interval {r.low} to {r.high})"
-    return f"Trend: {text}." if t["seen"] else f"No trend is seen: {text}."
+        ends, unit = [100.0 * (exp(b) - 1.0) for b in ends], " %"
+    r = rounded(ends[0], (ends[2] - ends[1]) / 4.0, low=ends[1], high=ends[2])
+    return f"{r.value}{unit} from a sample to the next (95 % interval {r.low} to {r.high}{unit})"
 
 
 def _spread(record: Record) -> tuple[str, ...] | None:

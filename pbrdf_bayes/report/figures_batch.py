@@ -6,7 +6,7 @@ Matplotlib would take longer than the fit where a page has hundreds of small pic
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from itertools import groupby, pairwise
 from math import ceil, exp, floor, log, log10
 from typing import Any
 
@@ -22,7 +22,8 @@ SPARK = (112, 30)
 _DECADES = 4.0
 _CHART = (520.0, 210.0)
 _LEFT, _RIGHT, _TOP, _BOTTOM = 62.0, 10.0, 10.0, 30.0
-_MOST_TICKS = 5
+_MOST_TICKS, _FEWEST_TICKS = 5, 3
+_STEPS = (1.0, 2.0, 5.0, 10.0)
 
 
 def sparkline(curves: Sequence[Record]) -> Markup:
@@ -126,7 +127,7 @@ def chart_range(record: Record) -> tuple[float, float]:
         own = [
             float(np.median(np.array(chart[key])[kept])) for key in ("sample_low", "sample_high")
         ]
-        low, high = max(own[0], 1.5 * low - 0.5 * high), min(own[1], 1.5 * high - 0.5 * low)
+        low, high = max(own[0], 2.0 * low - high), min(own[1], 2.0 * high - low)
         low, high = min([low, *ends]), max([high, *ends])
     near = use & (values > 2.0 * low - high) & (values < 2.0 * high - low)
     low, high = min([low, *values[near]]), max([high, *values[near]])
@@ -155,8 +156,11 @@ def nice_ticks(low: float, high: float, shown: Any) -> list[tuple[float, float]]
     if not raw > 0.0:
         return []
     power = 10.0 ** floor(log10(raw))
-    step = next(m * power for m in (1.0, 2.0, 5.0, 10.0) if m * power >= raw * (1.0 - 1e-9))
-    values = [k * step for k in range(ceil(a / step), floor(b / step) + 1)]
+    widest = next(m for m in _STEPS if m * power >= raw * (1.0 - 1e-9))
+    for step in (m * power for m in reversed(_STEPS) if m <= widest):
+        values = [k * step for k in range(ceil(a / step), floor(b / step) + 1)]
+        if len(values) >= _FEWEST_TICKS:
+            break
     return [(v, log(v) if is_log else v) for v in values if v > 0.0 or not is_log]
 
 
@@ -171,21 +175,19 @@ def _samples_axis(rows: Sequence[int], x: Any, height: float) -> str:
 
 
 def _limits(chart: Record, x: Any, y: Any, step: float, frame: tuple[float, float]) -> str:
-    """Centre, limits of the chart, and the steps of the limits of each sample inside the frame."""
-    right = _CHART[0] - _RIGHT
-    lines = f'<path class="centre" d="M{_LEFT} {y(chart["centre"]):.1f}H{right}"/>' + "".join(
-        f'<path class="limit" d="M{_LEFT} {y(chart[end]):.1f}H{right}"/>' for end in ("low", "high")
-    )
-    steps = ""
+    """Centre, and the limits of each sample as steps; along the frame where they leave it."""
+    lines = f'<path class="centre" d="M{_LEFT} {y(chart["centre"]):.1f}H{_CHART[0] - _RIGHT}"/>'
     for key in ("sample_low", "sample_high"):
-        inside = [False, *(frame[0] <= v <= frame[1] for v in chart[key])]
-        shape = "".join(
-            f"{'L' if inside[i] else 'M'}{x(i) - step / 2:.1f} {y(v):.1f}H{x(i) + step / 2:.1f}"
-            for i, v in enumerate(chart[key])
-            if inside[i + 1]
-        )
-        steps += f'<path class="own" d="{shape}"/>' if shape else ""
-    return lines + steps
+        at = y(chart[key][0])
+        for is_inside, run in groupby(
+            enumerate(chart[key]), key=lambda place: frame[0] <= place[1] <= frame[1]
+        ):
+            places = list(run)
+            shape = f"M{x(places[0][0]) - step / 2:.1f} {at:.1f}"
+            shape += "".join(f"V{y(v):.1f}H{x(i) + step / 2:.1f}" for i, v in places)
+            at = y(places[-1][1])
+            lines += f'<path class="limit{"" if is_inside else " far"}" d="{shape}"/>'
+    return lines
 
 
 def _mark(

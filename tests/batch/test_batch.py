@@ -40,6 +40,7 @@ from pbrdf_bayes.batch.work import Task, run_task
 from pbrdf_bayes.cli import main
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.io.checkpoint import write_checkpoint
+from pbrdf_bayes.report.figures_batch import nice_ticks
 
 COMMAND = [sys.executable, "-m", "pbrdf_bayes", "batch"]
 HEADER = "sample,wavelength_um,quantity,polarization,theta_i_deg,theta_r_deg,value"
@@ -795,6 +796,93 @@ def test_a_drift_is_told_below_the_chart(tmp_path, drift, said):
     assert record["trend"]["seen"] == bool(drift)
     assert record["trend"]["slope_q025"] < drift < record["trend"]["slope_q975"]
     assert said in (tmp_path / "index.html").read_text("utf-8")
+
+
+def drawn_limits(chart: str) -> list[tuple[float, float, float, str]]:
+    """Horizontal parts of the limits: left, right, height, and what is said of them."""
+    found = []
+    for kind, d in re.findall(r'<path class="limit([^"]*)" d="M([^"]*)"', chart):
+        left = float(d.split()[0])
+        for height, right in re.findall(r"V([0-9.]+)H([0-9.]+)", d):
+            found.append((left, float(right), float(height), kind))
+            left = float(right)
+    return found
+
+
+def drawn_samples(chart: str) -> list[tuple[float, float, str]]:
+    """Where the value of each sample is drawn: the middle of its bar; and its kind."""
+    bars = re.findall(
+        r'<g class="([^"]*)">.*?class="u" d="M([0-9.]+) ([0-9.]+)V([0-9.]+)"', chart, re.DOTALL
+    )
+    return [(float(x), 0.5 * (float(a) + float(b)), kind) for kind, x, a, b in bars]
+
+
+def test_a_sample_beyond_a_line_is_never_passed_over(tmp_path):
+    """Only the limits that decide are drawn; two of these lots lie beyond mean +- 3 MR/1.128."""
+    values = [1.5105, 1.5283, 1.5028, 1.5014, 1.5115, 1.525, 1.5316, 1.5466, 1.5495, 1.555, 1.5568,
+              1.546]  # fmt: skip
+    centre, sigma = np.mean(values), np.mean(np.abs(np.diff(values))) / 1.128
+    assert sum(abs(v - centre) > 3.0 * sigma for v in values) == 2
+    for shift, n_beyond in ((0.0, 0), (0.5, 1)):
+        shifted = [*values[:-1], values[-1] + shift]
+        rows = [wave_row(i + 3, 3.39, v) for i, v in enumerate(shifted)]
+        record, chart = charted(tmp_path, rows)
+        assert sum(record["chart"]["beyond"]) == n_beyond
+        limits = drawn_limits(chart)
+        assert len(limits) == 2 * len(values)
+        for x, at, kind in drawn_samples(chart):
+            own = [height for left, right, height, _ in limits if left < x < right]
+            assert len(own) == 2
+            assert ("beyond" in kind) == (not min(own) < at < max(own)), (x, kind)
+        page = (tmp_path / "index.html").read_text("utf-8")
+        said = "1 is beyond its limits" if n_beyond else "None is beyond its limits"
+        assert f"{said} in a control chart." in page
+
+
+def test_limits_beyond_the_axis_go_along_the_frame(tmp_path):
+    """The line is not broken: it is dotted where a limit is further out."""
+    rows = [wave_row(i, 3.39, 1.5 + 0.01 * (i % 3)) for i in range(3, 12)]
+    rows[4]["parameters"]["n"] |= {"sd": 0.04, "q025": 1.43, "q975": 1.59}
+    _, chart = charted(tmp_path, rows)
+    limits = drawn_limits(chart)
+    assert len(limits) == 2 * len(rows)
+    assert sorted(height for *_, height, kind in limits if kind == " far") == [10.0, 180.0]
+    ends = [float(v) for v in re.findall(r'class="limit[^"]*" d="M([0-9.]+)', chart)]
+    assert set(ends) <= {62.0, *(right for _, right, *_ in limits)}
+
+
+def test_a_drift_is_told_in_the_lead(tmp_path):
+    """By its symbol, relative where it is one, with equal decimals: 2 % a sample, exp(0.02) - 1."""
+    rows = []
+    for i, scatter in enumerate([0.0, 0.4, -0.3, 0.5, -0.6, 0.2, 0.1, -0.4, 0.3]):
+        row = wave_row(i + 3, 3.39, 1.5 + 0.002 * scatter)
+        mean = 0.45 * np.exp(0.02 * i + 0.002 * scatter)
+        row["parameters"]["sigma_n0"] = {
+            **row["parameters"]["n"], "symbol": "\u03c3_N0", "mean": mean, "median": mean,
+            "sd": 0.0005, "q025": mean - 0.00098, "q975": mean + 0.00098,
+        }  # fmt: skip
+        rows.append(row)
+    write_index(tmp_path, rows, n_samples=len(rows))
+    page = (tmp_path / "index.html").read_text("utf-8")
+    (lead,) = re.findall(r'<p class="headline">(.*?)</p>', page)
+    said = re.search(
+        r"<i>\u03c3<sub>N0</sub></i> drifts: (\S+) % from a sample to the next "
+        r"\(95 % interval (\S+) to (\S+) %\)\.",
+        lead,
+    )
+    assert said is not None
+    slope, low, high = said.groups()
+    assert float(low) < 100.0 * np.expm1(0.02) < float(high)
+    assert len({len(part.partition(".")[2]) for part in (slope, low, high)}) == 1
+    assert "<i>n</i> drifts" not in lead
+
+
+@pytest.mark.parametrize(("low", "high"), [(1.25, 1.77), (0.1, 14.9), (2.6, 5.4), (0.0, 1.0)])
+def test_an_axis_has_three_numbers_or_more(low, high):
+    found = [value for value, _ in nice_ticks(low, high, float)]
+    assert 3 <= len(found) <= 8
+    assert low <= found[0]
+    assert found[-1] <= high
 
 
 @pytest.mark.parametrize(
