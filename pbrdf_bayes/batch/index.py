@@ -29,7 +29,7 @@ _LOGARITHMIC = ("sigma_n0", "rho0")
 _NORMAL_975 = 1.959963984540054
 _PLAIN = (
     "sample", "wavelength_um", "status", "verdict", "conformity", *RISKS, "run", "error",
-    "repeat_of", "source", "seconds", "n_brdf", "n_dhr", "rms_dex", "headline",
+    "notice", "repeat_of", "source", "seconds", "n_brdf", "n_dhr", "rms_dex", "headline",
 )  # fmt: skip
 _OF_PARAMETER = ("mean", "sd", "q025", "q975")
 _ACTIVE = frozenset("=+-@\N{MINUS SIGN}")

@@ -49,9 +49,14 @@ def _row(job: Job, status: str, **found: Any) -> Row:
         "wavelength_um": job.wavelength_um, "n_brdf": None if m is None else len(m.brdf),
         "n_dhr": None if m is None else len(m.dhr), "curves": [] if m is None else curves_of(m),
         "status": status, "verdict": None, "headline": None, "run": None, "error": None,
-        "repeat_of": None, "seconds": 0.0, "rms_dex": None, "conformity": None,
+        "notice": job.notice or None, "repeat_of": None, "seconds": 0.0, "rms_dex": None, "conformity": None,
         **dict.fromkeys(RISKS), "parameters": {}, **found,
     }  # fmt: skip
+
+
+def noted(row: Row, notice: str) -> Row:
+    """The row with one more thing that its reader should know."""
+    return {**row, "notice": f"{row['notice']} {notice}" if row["notice"] else notice}
 
 
 def finished_row(job: Job, summary: Mapping[str, Any], *, status: str, seconds: float) -> Row:

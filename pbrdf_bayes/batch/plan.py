@@ -44,6 +44,8 @@ class Job:
         What is wrong with the readings.
     repeat_of : int or None
         Position in the batch of the sample with the same readings, which is fitted instead.
+    notice : str
+        What its reader should know that is no error.
     """
 
     sample: str
@@ -53,6 +55,7 @@ class Job:
     folder: str = ""
     error: str = ""
     repeat_of: int | None = None
+    notice: str = ""
 
 
 def plan_batch(files: Sequence[Path], config: RunConfig, *, seed: int) -> tuple[Job, ...]:

@@ -99,7 +99,8 @@ def fit_batch(
         Go on with ``out``: samples finished with the same readings, configuration, seed and version
         are skipped, interrupted ones go on from their checkpoints, wherever their files are now.
         Limits and document are not among these: where they are others than before, samples that
-        are finished are judged anew and not fitted again.
+        are finished are judged anew and not fitted again, but for those whose report was made by
+        other means since: it is kept, and the row says so.
     limits : Specification, optional
         What every sample is judged against, see `read_limits`.
     document : Document, optional
@@ -191,7 +192,7 @@ class _Batch:
         try:
             self._write()
             self.mark = leave_mark(self.out)
-            for row in [r for r in self.rows.values() if r["error"]]:
+            for row in [r for r in self.rows.values() if r["error"] or r["notice"]]:
                 self._tell(row)
             if waiting:
                 self._refuse_blind(crew)

@@ -10,13 +10,16 @@ from typing import Any
 
 from pbrdf_bayes.batch.progress import Progress
 
+_LONGEST = 200
+
 
 def repeat_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """A warning for every sample that has the readings of another."""
+    """A warning for every sample that has the readings of another, and every notice."""
     return [
-        f"warning: No. {i} {row['sample']!a}: {row['error']}"
+        f"warning: No. {i} {row['sample']!a}: {text}"
         for i, row in enumerate(rows, start=1)
-        if row["repeat_of"]
+        for text in (row["error"] if row["repeat_of"] else None, row["notice"])
+        if text
     ]
 
 
@@ -48,11 +51,28 @@ def sample_line(progress: Progress) -> str:
     row = progress.row
     assert row is not None
     status = "warning" if row["repeat_of"] else row["status"]
-    what = row["verdict"] or f"{status}: {str(row['error']).splitlines()[0]}"
+    what = row["verdict"] or f"{status}: {_reason(row['error'])}"
     what += f", {row['conformity']}" if row["conformity"] else ""
+    what += f", warning: {_shortened(row['notice'])}" if row["notice"] else ""
     took = f" ({row['seconds']:.1f} s)" if row["seconds"] else ""
     of = f"[{progress.n_done}/{progress.n_samples}]"
-    return f"{of} {row['sample']!a}: {what[:160]}{took}{_left(progress)}"
+    return f"{of} {row['sample']!a}: {what}{took}{_left(progress)}"
+
+
+def _reason(error: str) -> str:
+    """What is wrong, without the head of a message that lists it."""
+    head, *problems = error.splitlines()
+    return _shortened(" ".join(problems) or head)
+
+
+def _shortened(text: str) -> str:
+    """At most `_LONGEST` characters, whole words as far as there are blanks."""
+    plain = " ".join(text.split())
+    if len(plain) <= _LONGEST:
+        return plain
+    cut = plain[: _LONGEST - 3]
+    blank = cut.rfind(" ", _LONGEST // 2)
+    return f"{cut[:blank] if blank > 0 else cut}..."
 
 
 def worker_lines(progress: Progress) -> list[str]:

@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from pbrdf_bayes.batch.at_work import forget, stage_writer
-from pbrdf_bayes.batch.outcome import DONE, SKIPPED, Row, failed_row, finished_row
+from pbrdf_bayes.batch.outcome import DONE, SKIPPED, Row, failed_row, finished_row, noted
+from pbrdf_bayes.batch.own_report import KEPT, is_own_report, note_report
 from pbrdf_bayes.batch.plan import Job
 from pbrdf_bayes.batch.shared_folder import blind_to, sees_mark
 from pbrdf_bayes.config import RunConfig
@@ -87,9 +88,11 @@ def run_task(task: Task) -> Row:
                 folder, m, task.config, seed=task.seed, resume=True, paperwork=wanted, brief=True,
                 observer=Observer(stage=told),
             )  # fmt: skip
+            note_report(folder)
         elif wanted.amends:
             told("judge")
             amend_folder(folder, wanted, brief=True)
+            note_report(folder)
             status = SKIPPED
         summary = load_summary(folder)
         seconds = time.perf_counter() - started if status == DONE else _of_the_fit(summary)
@@ -113,14 +116,21 @@ def _give_back_memory() -> None:
 
 
 def finished_before(out: Path, job: Job, wanted: Paperwork) -> Row | None:
-    """Row of a sample that an earlier batch has finished and judged; None where it has not."""
+    """Row of a sample that an earlier batch has finished and judged; None where it has not.
+
+    What was issued by other means since then is left as it is, and is what the row says.
+    """
     try:
         folder = own_folder(out, job.folder)
         summary = load_summary(folder) if is_finished(folder) else None
-        if summary is None or summary["status"] != "done" or not wanted.is_in(summary):
+        if summary is None or summary["status"] != "done":
             return None
-        return finished_row(job, summary, status=SKIPPED, seconds=_of_the_fit(summary))
-    except RunFolderError as error:
+        is_as_wanted = wanted.is_in(summary)
+        if not is_as_wanted and is_own_report(folder):
+            return None
+        row = finished_row(job, summary, status=SKIPPED, seconds=_of_the_fit(summary))
+        return row if is_as_wanted else noted(row, KEPT)
+    except (RunFolderError, OSError) as error:
         return failed_row(job, str(error))
 
 

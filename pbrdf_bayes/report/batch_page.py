@@ -59,6 +59,7 @@ class SampleRow:
     wavelength: str
     wavelength_key: str
     error: str
+    notice: str
     spark: Markup
     rms: str
     rms_key: str
@@ -237,7 +238,7 @@ def _sample_row(i: int, row: Record, names: Sequence[str]) -> SampleRow:
         wavelength=number(row["wavelength_um"], digits=6),
         wavelength_key=_key(row["wavelength_um"]),
         error=error if len(error) <= _LONGEST_ERROR else f"{error[:_LONGEST_ERROR]} …",
-        spark=sparkline(row["curves"]),
+        notice=row["notice"] or "", spark=sparkline(row["curves"]),
         rms=number(row["rms_dex"], digits=2), rms_key=_key(row["rms_dex"]),
         seconds=seconds(row["seconds"] or None), seconds_key=_key(row["seconds"]),
         cells=tuple(_cell(row["parameters"].get(name)) for name in names),

@@ -231,7 +231,7 @@ def test_every_sample_is_judged(finished, tmp_path, quick, capsys, signals_as_be
 def test_what_is_judged_by_the_same_limits_is_not_judged_again(
     finished, tmp_path, quick, monkeypatch, signals_as_before
 ):
-    """Nor is its time forgotten; what one run alone was judged by since then does not count."""
+    """Nor is its time forgotten; with another document the report of each is made again."""
     out = Path(shutil.copytree(finished / "out", tmp_path / "out"))
     limits = tmp_path / "moved.toml"
     shutil.copy(finished / "limits.toml", limits)
@@ -256,16 +256,57 @@ def test_what_is_judged_by_the_same_limits_is_not_judged_again(
             assert row["conformity"] == was["conformity"]
             assert row["seconds"] == pytest.approx(was["seconds"], rel=0.3)
     other = tmp_path / "other.toml"
-    other.write_text(f"{LIMITS}upper = 0.1\n")
-    assert main(["conform", str(out / before[0]["run"]), "--limits", str(other), "--save"]) == 0
-    assert main(["batch", *options, *papers]) == 0
-    assert handed == [before[0]["sample"]]
-    (again,) = (row for row in index_of(out)["samples"] if row["run"] == before[0]["run"])
-    assert again["conformity"] == before[0]["conformity"]
-    assert again["seconds"] > 0.5
     other.write_text('laboratory = "Another"\n')
     assert main(["batch", *options, *papers[:3], str(other)]) == 0
-    assert handed[1:] == FITTED
+    assert handed == FITTED
+    summary = json.loads((out / before[0]["run"] / "summary.json").read_text("utf-8"))
+    assert summary["document"]["laboratory"] == "Another"
+
+
+@pytest.mark.parametrize("how", ["report", "conform", "pdf"])
+def test_a_report_that_was_issued_since_is_kept(
+    finished, tmp_path, quick, capsys, signals_as_before, how
+):
+    """Not a byte of it changes, and the index says what it says; without it the batch's is made."""
+    out = Path(shutil.copytree(finished / "out", tmp_path / "out"))
+    before = index_of(out)["samples"]
+    run = out / before[0]["run"]
+    document, other = tmp_path / "issued.toml", tmp_path / "other.toml"
+    document.write_text('report_number = "L-1/A"\nlaboratory = "Issued"\n')
+    other.write_text(f"{LIMITS}upper = 0.1\n")
+    if how == "report":
+        assert main(["report", str(run), "--document", str(document)]) == 0
+    elif how == "conform":
+        assert main(["conform", str(run), "--limits", str(other), "--save"]) == 0
+    else:
+        (run / "report.pdf").write_bytes(b"%PDF")
+    papers = ["--limits", str(finished / "limits.toml"), "--document",
+              str(finished / "document.toml")]  # fmt: skip
+    options = [str(finished / "good.csv"), "--out", str(out), *quick, "--resume"]
+    moved = [*papers[:3], str(document)] if how == "pdf" else papers
+    document.write_text('laboratory = "Moved"\n')
+    issued = {p.name: p.read_bytes() for p in run.iterdir() if p.is_file()}
+    capsys.readouterr()
+    assert main(["batch", *options, *moved]) == 0
+    assert {p.name: p.read_bytes() for p in run.iterdir() if p.is_file()} == issued
+    row, *others = index_of(out)["samples"]
+    summary = json.loads(issued["summary.json"])
+    assert row["conformity"] == summary["conformity"]["verdict"]
+    assert (row["conformity"] == before[0]["conformity"]) == (how != "conform")
+    assert "made by other means" in row["notice"]
+    assert not any(one["notice"] for one in others)
+    assert "made by other means" in (out / "index.html").read_text("utf-8")
+    assert "made by other means" in (out / "index.csv").read_text("utf-8")
+    assert "made by other means" in capsys.readouterr().err
+
+    for name in ("report.html", "report.pdf"):
+        (run / name).unlink(missing_ok=True)
+    assert main(["batch", *options, *moved, "--quiet"]) == 0
+    row = index_of(out)["samples"][0]
+    assert row["notice"] is None
+    assert row["conformity"] == before[0]["conformity"]
+    laboratory = "Moved" if how == "pdf" else "Laboratory &lt;1&gt;"
+    assert laboratory in (run / "report.html").read_text("utf-8")
 
 
 def test_a_link_out_of_the_folder_is_refused(tmp_path, quick, capsys, signals_as_before):
@@ -940,7 +981,7 @@ def test_a_terminal_has_a_line_for_each_worker(monkeypatch):
     assert first.splitlines()[1] == "  worker host 11: 'lot 1', sample, 3 s"
     assert [len(line) < 60 for line in first.splitlines()] == [True] * 3
     row = {"sample": "lot 1", "verdict": "PASS", "conformity": "REJECT", "seconds": 4.0,
-           "repeat_of": None, "status": "done", "error": None}  # fmt: skip
+           "repeat_of": None, "status": "done", "error": None, "notice": None}  # fmt: skip
     tell(Progress(row, 1, 3, ("x" * 99,), 130.0, 2, work[1:]))
     second = screen.getvalue()[len(first) :]
     assert second.startswith("\x1b[3F\x1b[J[1/3] 'lot 1': PASS, REJECT (4.0 s), about 2 min left\n")

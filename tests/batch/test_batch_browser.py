@@ -35,7 +35,7 @@ def row(i: int, verdict: str | None, **found: Any) -> dict[str, Any]:
         ],
         "status": "done" if verdict else "failed", "verdict": verdict, "headline": "",
         "run": f"lot_{i}-0" if verdict else None, "seconds": 10.0 - i, "conformity": None,
-        "error": None if verdict else ERROR, "rms_dex": 0.01 * i, "repeat_of": None,
+        "error": None if verdict else ERROR, "rms_dex": 0.01 * i, "repeat_of": None, "notice": None,
         **dict.fromkeys(RISKS),
         "parameters": {"n": parameter("n", 1.5 + 0.01 * (i * 7 % 5), 0.002),
                        "rho0": parameter("ρ_0", 0.4 + 0.02 * (i % 3), 0.001)} if verdict else {},
