@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -19,6 +18,8 @@ from pbrdf_bayes.errors import DataError
 from pbrdf_bayes.inference.between_samples import infer_spread
 from pbrdf_bayes.inference.control_chart import draw_limits
 from pbrdf_bayes.inference.trend import infer_trend
+from pbrdf_bayes.io.formulas import guard
+from pbrdf_bayes.io.problems import printable
 from pbrdf_bayes.io.run_folder import finite_only, write_text
 from pbrdf_bayes.report.batch_page import render_batch
 
@@ -32,9 +33,6 @@ _PLAIN = (
     "notice", "repeat_of", "source", "seconds", "n_brdf", "n_dhr", "rms_dex", "headline",
 )  # fmt: skip
 _OF_PARAMETER = ("mean", "sd", "q025", "q975")
-_ACTIVE = frozenset("=+-@\N{MINUS SIGN}")
-_UNSEEN = frozenset(("Zs", "Zl", "Zp", "Cc", "Cf"))
-"""Categories of characters that are not seen: spaces of any width, controls, marks of format."""
 
 
 def write_index(
@@ -80,8 +78,8 @@ def write_index(
 def csv_text(rows: Sequence[Row]) -> str:
     """The rows as comma-separated text.
 
-    A text that a spreadsheet would take for a formula begins with an apostrophe; numbers are
-    numbers, negative ones too.
+    A text that a spreadsheet would take for a formula begins with an apostrophe, characters that
+    cannot be seen are escaped; numbers are numbers, negative ones too.
     """
     names = parameter_names(rows)
     file = io.StringIO()
@@ -91,7 +89,8 @@ def csv_text(rows: Sequence[Row]) -> str:
         values = [
             row["parameters"].get(name, {}).get(key) for name in names for key in _OF_PARAMETER
         ]
-        writer.writerow([*(harmless(row[name]) for name in _PLAIN), *map(harmless, values)])
+        plain = (harmless(_seen(name, row[name])) for name in _PLAIN)
+        writer.writerow([*plain, *map(harmless, values)])
     return file.getvalue()
 
 
@@ -100,22 +99,19 @@ def harmless(value: Any) -> Any:
 
     Examples
     --------
-    >>> harmless("=1+1"), harmless(-0.5), harmless(" =1"), harmless(None)
-    ("'=1+1", -0.5, "' =1", '')
-    >>> harmless("\N{FULLWIDTH EQUALS SIGN}1")[0], harmless("\N{NO-BREAK SPACE}@1")[0]
-    ("'", "'")
+    >>> harmless("=1+1"), harmless(-0.5), harmless(None)
+    ("'=1+1", -0.5, '')
     """
     if value is None:
         return ""
-    return f"'{value}" if isinstance(value, str) and _is_active(value) else value
+    return guard(value) if isinstance(value, str) else value
 
 
-def _is_active(text: str) -> bool:
-    """It begins like a formula, as it stands or with what is not seen and width taken off."""
-    if text[:1] in ("\t", "\r", "\n"):
-        return True
-    seen = next((c for c in text if unicodedata.category(c) not in _UNSEEN), "")
-    return unicodedata.normalize("NFKC", seen)[:1] in _ACTIVE
+def _seen(name: str, value: Any) -> Any:
+    """Text with what cannot be seen escaped, but for the lines of a message."""
+    if not isinstance(value, str):
+        return value
+    return "\n".join(map(printable, value.split("\n"))) if name == "error" else printable(value)
 
 
 def parameter_names(rows: Sequence[Row]) -> list[str]:

@@ -49,8 +49,8 @@ def _row(job: Job, status: str, **found: Any) -> Row:
         "wavelength_um": job.wavelength_um, "n_brdf": None if m is None else len(m.brdf),
         "n_dhr": None if m is None else len(m.dhr), "curves": [] if m is None else curves_of(m),
         "status": status, "verdict": None, "headline": None, "run": None, "error": None,
-        "notice": job.notice or None, "repeat_of": None, "seconds": 0.0, "rms_dex": None, "conformity": None,
-        **dict.fromkeys(RISKS), "parameters": {}, **found,
+        "notice": job.notice or None, "repeat_of": None, "seconds": 0.0, "rms_dex": None,
+        "conformity": None, **dict.fromkeys(RISKS), "parameters": {}, **found,
     }  # fmt: skip
 
 

@@ -7,12 +7,15 @@ import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 
 from pbrdf_bayes import __version__
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.errors import DataError
+from pbrdf_bayes.io.alike import likeness
 from pbrdf_bayes.io.config_toml import config_table
+from pbrdf_bayes.io.problems import printable
 from pbrdf_bayes.io.safe_names import safe_name
 from pbrdf_bayes.io.tidy_csv import TidyFile, read_usable_samples
 from pbrdf_bayes.measurement import Measurement
@@ -21,6 +24,8 @@ _NOT_DECISIVE = ("threads", "max_steps")
 _COLUMNS = (
     "polarization", "theta_i_deg", "theta_r_deg", "phi_r_deg", "value", "u_value", "repeated",
 )  # fmt: skip
+
+_MOST_ALIKE = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +37,7 @@ class Job:
     sample : str
         Name; that of the file where its samples cannot be told.
     source : str
-        The file as it was given.
+        The file as it was given, what cannot be seen in its name escaped.
     wavelength_um : float or None
         [um]
     measurement : Measurement or None
@@ -91,7 +96,25 @@ def plan_batch(files: Sequence[Path], config: RunConfig, *, seed: int) -> tuple[
             else:
                 folder = _folder_name(job.measurement, readings, config, seed)
                 jobs.append(replace(job, folder=folder))
-    return tuple(jobs)
+    return _with_look_alikes(jobs)
+
+
+def _with_look_alikes(jobs: Sequence[Job]) -> tuple[Job, ...]:
+    """The jobs, with a notice where the name of another looks the same and is not."""
+    alike: dict[str, dict[str, int]] = {}
+    for i, job in enumerate(jobs):
+        alike.setdefault(likeness(job.sample), {}).setdefault(job.sample, i)
+    found = []
+    for job in jobs:
+        others = [
+            f"No. {i + 1} {name!a}"
+            for name, i in islice(alike[likeness(job.sample)].items(), _MOST_ALIKE)
+            if name != job.sample
+        ]
+        text = f"the name {job.sample!a} is easily taken for that of {', '.join(others)}."
+        notice = f"{job.notice} {text}".strip() if others else job.notice
+        found.append(replace(job, notice=notice))
+    return tuple(found)
 
 
 def in_order(files: Sequence[Path]) -> list[Path]:
@@ -135,16 +158,22 @@ def _repeat(job: Job, at: int) -> str:
 
 
 def _jobs_of(file: Path, brdf_floor: float) -> list[Job]:
+    source = printable(str(file))
     try:
         content = read_usable_samples(file, brdf_floor=brdf_floor)
     except DataError as error:
-        return [Job(file.name, str(file), error=str(error))]
+        return [Job(printable(file.name), source, error=str(error))]
     good = [
-        (_first_line(m), Job(m.sample, str(file), m.wavelength_um, m))
+        (_first_line(m), Job(m.sample, source, m.wavelength_um, m, notice=_notice(content, m)))
         for m in content.measurements.values()
     ]
     bad = [(content.first_lines[name], _bad(file, content, name)) for name in content.errors]
     return [job for _, job in sorted([*good, *bad], key=lambda pair: pair[0])]
+
+
+def _notice(content: TidyFile, m: Measurement) -> str:
+    """What was noticed of the sample itself; what concerns the file is in every report."""
+    return " ".join(m.warnings[len(content.warnings) :])
 
 
 def _first_line(m: Measurement) -> int:
@@ -153,8 +182,8 @@ def _first_line(m: Measurement) -> int:
 
 def _bad(file: Path, content: TidyFile, name: str) -> Job:
     """What a sample is called that has no name: the file and the first line of such rows."""
-    called = name or f"{file.name}, line {content.first_lines[name]}"
-    return Job(called, str(file), error=content.errors[name])
+    called = name or f"{printable(file.name)}, line {content.first_lines[name]}"
+    return Job(called, printable(str(file)), error=content.errors[name])
 
 
 def _digest(m: Measurement) -> str:

@@ -99,11 +99,24 @@ def compose_message(source: str, problems: Iterable[Problem], n: int) -> str:
       ... and 1 more.
     """
     listed = list(problems)
-    lines = [f"{source}: {n} problem{'s' if n != 1 else ''}, nothing was read."]
+    lines = [f"{printable(source)}: {n} problem{'s' if n != 1 else ''}, nothing was read."]
     lines += [f"  {problem}" for problem in listed]
     left = n - sum(problem.n for problem in listed)
     lines += [f"  ... and {left} more."] if left else []
     return "\n".join(lines)
+
+
+def printable(text: str) -> str:
+    r"""Text with what cannot be seen escaped: control characters, turned directions, odd blanks.
+
+    Examples
+    --------
+    >>> printable("a\tb"), printable("l\u202et"), printable("Lot 7")
+    ('a\\tb', 'l\\u202et', 'Lot 7')
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 def show_cell(cell: str) -> str:

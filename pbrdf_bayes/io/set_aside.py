@@ -11,8 +11,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from pbrdf_bayes.io.csv_table import MAX_LINE_BYTES, MAX_ROWS, SAVE_AS_UTF8, why_ragged
+from pbrdf_bayes.io.formulas import unguard
 from pbrdf_bayes.io.problems import Problem, Problems
-from pbrdf_bayes.io.tidy_columns import MOST_SAMPLES, unguard
+from pbrdf_bayes.io.tidy_columns import MOST_SAMPLES
 from pbrdf_bayes.measurement import is_name
 
 

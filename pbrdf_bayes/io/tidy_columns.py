@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import re
 from collections.abc import Sequence
 from math import nan
 
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.config import did_you_mean
+from pbrdf_bayes.io.formulas import unguard
 from pbrdf_bayes.io.problems import Problem, Problems, show_cell
 
 REQUIRED = (
@@ -68,28 +68,6 @@ class Codebook:
                 self.words.append(word)
             self._cell_code[cell] = code
         return np.fromiter(map(self._cell_code.__getitem__, cells), np.int64, len(cells))
-
-
-def guard(text: str) -> str:
-    """Put an apostrophe before text that a spreadsheet would take for a formula.
-
-    Examples
-    --------
-    >>> guard("=1+1"), guard("paint")
-    ("'=1+1", 'paint')
-    """
-    return f"'{text}" if re.match(r"'*[=+\-@]", text) else text
-
-
-def unguard(cell: str) -> str:
-    """Undo `guard`.
-
-    Examples
-    --------
-    >>> unguard("'=1+1"), unguard("'tis")
-    ('=1+1', "'tis")
-    """
-    return cell[1:] if re.match(r"'+[=+\-@]", cell) else cell
 
 
 def to_floats(cells: Sequence[str]) -> NDArray[np.float64]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.errors import ConfigError, DataError
+from pbrdf_bayes.io.alike import spelled_with_blanks
 from pbrdf_bayes.io.csv_table import (
     MAX_ROWS,
     Table,
@@ -21,7 +22,7 @@ from pbrdf_bayes.io.csv_table import (
     refuse,
     without_quotes,
 )
-from pbrdf_bayes.io.problems import Problem, Problems, compose_message, show_cell
+from pbrdf_bayes.io.problems import Problem, Problems, compose_message, printable, show_cell
 from pbrdf_bayes.io.set_aside import set_aside
 from pbrdf_bayes.io.tidy_choice import Key, choose_key, explain_sample
 from pbrdf_bayes.io.tidy_columns import (
@@ -101,6 +102,7 @@ class _Content:
     words: Mapping[str, Sequence[str]]
     problems: Problems
     warnings: tuple[str, ...]
+    spelled: Mapping[str, tuple[str, ...]]
 
 
 def read_measurement(
@@ -253,7 +255,8 @@ def _read(path: str | Path, data: bytes, brdf_floor: float) -> _Content:
     if "theta_r_deg" not in table.header and np.any(rows.used & (rows.quantity == 0)):
         problems.add(missing_column("theta_r_deg", table.header))
     digest = hashlib.sha256(data).hexdigest()
-    return _Content(str(path), digest, rows, bad, words, problems, warnings)
+    spelled = spelled_with_blanks(path, data)
+    return _Content(printable(str(path)), digest, rows, bad, words, problems, warnings, spelled)
 
 
 def _convert(
@@ -384,7 +387,7 @@ def _build(content: _Content, key: Key, index: NDArray[np.int64], flags: Flags) 
             excluded=excluded_by_flag(flags, key),
             source=Path(content.path).name,
             sha256=content.sha256,
-            warnings=(*content.warnings, *notice(rows, index)),
+            warnings=(*content.warnings, *content.spelled.get(key[0], ()), *notice(rows, index)),
             **columns,
         )
     except DataError as error:

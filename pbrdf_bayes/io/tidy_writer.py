@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pbrdf_bayes.config import did_you_mean
 from pbrdf_bayes.errors import DataError
-from pbrdf_bayes.io.tidy_columns import COLUMNS, NUMBER_COLUMNS, REQUIRED, guard
+from pbrdf_bayes.io.formulas import guard
+from pbrdf_bayes.io.tidy_columns import COLUMNS, NUMBER_COLUMNS, REQUIRED
 from pbrdf_bayes.measurement import Measurement, name_direction
 
 
@@ -117,7 +118,9 @@ def _to_cells(columns: Mapping[str, ArrayLike]) -> dict[str, list[str]]:
 def _cells(name: str, values: NDArray[Any]) -> list[str]:
     """Shortest text that reads back as the same number, or guarded text."""
     if name not in NUMBER_COLUMNS:
-        return [guard(str(value)) for value in values.tolist()]
+        words = [str(value) for value in values.tolist()]
+        guarded = {word: guard(word) for word in set(words)}
+        return [guarded[word] for word in words]
     numbers = values.astype(np.float64).tolist()
     return ["" if number != number else repr(number) for number in numbers]
 

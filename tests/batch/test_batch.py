@@ -35,7 +35,7 @@ from pbrdf_bayes.batch.index import harmless, write_index
 from pbrdf_bayes.batch.outcome import failed_row, finished_row
 from pbrdf_bayes.batch.plan import Job, in_order, plan_batch
 from pbrdf_bayes.batch.progress import Progress
-from pbrdf_bayes.batch.terminal import teller
+from pbrdf_bayes.batch.terminal import sample_line, teller
 from pbrdf_bayes.batch.work import Task, run_task
 from pbrdf_bayes.cli import main
 from pbrdf_bayes.errors import ConfigError
@@ -837,6 +837,72 @@ def test_a_drift_is_told_below_the_chart(tmp_path, drift, said):
     assert record["trend"]["seen"] == bool(drift)
     assert record["trend"]["slope_q025"] < drift < record["trend"]["slope_q975"]
     assert said in (tmp_path / "index.html").read_text("utf-8")
+
+
+def test_what_cannot_be_seen_is_escaped(tmp_path, monkeypatch, capsys, signals_as_before):
+    """Of refused names and of files, in the table and on the terminal; lines of a message stay."""
+    crew = batch_crew(Crew(lambda _: Immediate(), 1, lambda _: None))
+    monkeypatch.setattr(batch_run, "_crew", lambda *_: crew)
+    names = ["a\u202eb", "bell\a", "esc\x1b[2J", "line\nbreak", "ta\tb", "fine"]
+    file = write_samples(tmp_path / "a\n\x1b[31m\u202eb.csv", names)
+    undecodable = tmp_path / "\udcff.csv"
+    out = tmp_path / "out"
+    assert main(["batch", str(file), str(undecodable), "--out", str(out)]) == 0
+    text = (out / "index.csv").read_text("utf-8")
+    assert not any(c in text for c in "\u202e\a\x1b\t\r")
+    rows = list(csv.DictReader(io.StringIO(text)))
+    assert [row["sample"] for row in rows] == [
+        "a\\u202eb", "bell\\x07", "esc\\x1b[2J", "line\\nbreak", "ta\\tb", "fine", "\\udcff.csv",
+    ]  # fmt: skip
+    assert {row["source"] for row in rows[:-1]} == {"a\\n\\x1b[31m\\u202eb.csv"}
+    assert (
+        rows[0]["error"].splitlines()[0].startswith(f"{tmp_path}/a\\n\\x1b[31m\\u202eb.csv: sample")
+    )
+    said = capsys.readouterr().err
+    assert "there is no such file" in said
+    assert not any(c in said for c in "\u202e\a\x1b\t\r")
+    lines = [line for line in said.splitlines() if line.startswith("[")]
+    assert len(lines) == len(names) + 1
+    assert all("printable characters" in line for line in lines if "failed: line" in line)
+
+
+def test_names_that_look_alike_are_told(tmp_path, monkeypatch, capsys, signals_as_before):
+    """Composed or not, by capitals, blanks, or letters of another script."""
+    crew = batch_crew(Crew(lambda _: Immediate(), 1, lambda _: None))
+    monkeypatch.setattr(batch_run, "_crew", lambda *_: crew)
+    names = ["f\u00fcr", "fu\u0308r", "Lot 1", "l\u043et 1", "Lot 2", "paint", "alone"]
+    file = write_samples(tmp_path / "a.csv", names)
+    text = file.read_text("utf-8")
+    file.write_text(text.replace('"paint",', '"paint ",', 1), encoding="utf-8")
+    other = write_samples(tmp_path / "b.csv", ["paint"], seed=50)
+    out = tmp_path / "out"
+    assert main(["batch", str(file), str(other), "--out", str(out), "--quiet"]) == 0
+    notices = [row["notice"] for row in index_of(out)["samples"]]
+    assert [bool(text) for text in notices] == [True] * 4 + [False, True, False, False]
+    assert "for that of No. 2 'fu\\u0308r'." in notices[0]
+    assert "for that of No. 3 'Lot 1'." in notices[3]
+    assert "'paint', 'paint ' differ by blanks" in notices[5]
+    page = (out / "index.html").read_text("utf-8")
+    assert page.count('class="what notice"') == 5
+    said = capsys.readouterr().err
+    assert said.count("warning: No. ") == 5
+
+
+def progress_of(error: str) -> Progress:
+    return Progress({**failed_row(Job("a", "a.csv"), error)}, 1, 2, (), 0.0, 1)
+
+
+def test_a_line_says_why_and_ends_with_a_word():
+    """Not the head of a list of problems alone; what is long ends in an ellipsis."""
+    long = "a: not converged within max_steps; " + "raise them and go on with --resume; " * 9
+    line = sample_line(progress_of(long))
+    said = line.split("failed: ")[1]
+    assert said.endswith("...")
+    assert long.startswith(said[:-3] + " ")
+    assert 150 < len(said) <= 200
+    listed = "lots/lot_99.csv: 1 problem, nothing was read.\n  there is no such file."
+    assert sample_line(progress_of(listed)) == "[1/2] 'a': failed: there is no such file."
+    assert len(sample_line(progress_of("x" * 999))) < 230
 
 
 def drawn_limits(chart: str) -> list[tuple[float, float, float, str]]:

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from pbrdf_bayes.errors import ConfigError, DataError
 from pbrdf_bayes.io import tidy_columns, tidy_csv
 from pbrdf_bayes.io.csv_table import without_quotes
-from pbrdf_bayes.io.tidy_columns import COLUMNS, REQUIRED, guard, unguard
+from pbrdf_bayes.io.formulas import guard, unguard
+from pbrdf_bayes.io.tidy_columns import COLUMNS, REQUIRED
 from pbrdf_bayes.io.tidy_csv import (
     read_measurement,
     read_samples,
@@ -645,10 +646,51 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, write, monkeypatch):
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["green.csv", "out.csv"]
 
 
-@given(st.text(st.characters(exclude_categories=["C"], exclude_characters="\u2028\u2029")))
+BLANKS = " \u00a0\u2003\u3000\u200b\ufeff\t\r\n"
+SIGNS = "=+-@\uff1d\uff0b\uff0d\uff20\u2212\ufe62"
+
+
+@given(st.text() | st.text(st.sampled_from("'1a" + BLANKS + SIGNS)))
 def test_guard_is_undone_and_hides_formulas(text):
     assert unguard(guard(text)) == text
-    assert guard(text)[:1] not in set("=+-@")
+    assert guard(text).lstrip(BLANKS)[:1] not in set(SIGNS)
+
+
+@given(st.text(st.sampled_from("'1a \u00fc,\"" + "=+-@\uff1d\u2212")).map(str.rstrip).filter(bool))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_name_is_read_as_it_was_written(tmp_path, name):
+    """Leading spaces and apostrophes included, whatever the writer puts before them."""
+    file = tmp_path / "named.csv"
+    given = dict(zip(REQUIRED, ROWS[0].split(","), strict=True)) | {"value": 0.1}
+    write_tidy_csv(given | {"sample": name, "scan": name}, file)
+    m = read_measurement(file)
+    assert m.sample == name
+    assert m.scans[0].label == f"s 20 deg {name}"
+    write_tidy_csv(m, file)
+    assert read_measurement(file).sample == name
+
+
+@pytest.mark.parametrize(
+    ("rows", "n"),
+    [
+        (("paint,{}", "paint ,{}"), 1),
+        (("paint,{}", '"paint ",{}'), 1),
+        (('"paint",{}', '" paint",{}', "paint\u00a0,{}"), 1),
+        (("paint ,{}", "paint ,{}"), 0),
+        (("paint,{} ", "paint,{}"), 0),
+        (("paint ,{}", "coat,{}"), 0),
+    ],
+)
+def test_names_that_differ_by_blanks_are_told(write, rows, n):
+    """Read as one sample, which may be two."""
+    lines = [row.format(f"3.39,brdf,s,20,{i},0.02") for i, row in enumerate(rows)]
+    content = read_samples(write(table(*lines)))
+    m = content.measurements["paint", 3.39]
+    told = [text for text in m.warnings if "differ by blanks at the ends" in text]
+    assert len(told) == n
+    assert len(m.brdf) == sum("paint" in row for row in rows)
+    if n:
+        assert "'paint', " in told[0] or ", 'paint'" in told[0]
 
 
 numbers = st.floats(min_value=5e-324, max_value=1.7e308, allow_subnormal=True)
