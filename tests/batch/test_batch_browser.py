@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -209,6 +210,27 @@ def test_a_judged_table_is_seen_whole(browser, tmp_path, width):
     page.goto((tmp_path / "index.html").as_uri())
     for region in page.locator(".scroll").all():
         assert region.evaluate("e => e.scrollWidth - e.clientWidth") <= 0
+    page.close()
+
+
+def test_a_printed_table_is_seen_whole(browser, tmp_path):
+    """On A4 landscape, whose text is 273 mm wide; with two wavelengths and an error as well."""
+    rows = [wide_row(i, wavelength_um=3.39 if i % 2 else 10.6) for i in range(1, 40)]
+    write_index(tmp_path, [*rows, row(40, None)], n_samples=40)
+    page = browser.new_page(viewport={"width": int(273 / 25.4 * 96), "height": 700})
+    page.goto((tmp_path / "index.html").as_uri())
+    printed = page.pdf(prefer_css_page_size=True)
+    width, height = map(float, re.findall(rb"/MediaBox \[0 0 ([0-9.]+) ([0-9.]+)\]", printed)[0])
+    assert (width, height) == (pytest.approx(841.9, abs=1.0), pytest.approx(595.3, abs=1.0))
+    page.emulate_media(media="print")
+    ends = page.evaluate(
+        "[...document.querySelectorAll('caption > span, #table td, #table th, figure')]"
+        ".map(e => e.getBoundingClientRect().right)"
+    )
+    assert len(ends) > 400
+    assert max(ends) <= page.evaluate("document.documentElement.clientWidth") + 0.5
+    assert page.locator("#table .error").get_by_text("the last word is here").is_visible()
+    assert page.locator("#table .narrow-error").is_hidden()
     page.close()
 
 
