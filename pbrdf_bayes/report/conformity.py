@@ -49,7 +49,7 @@ def conformity_text(summary: Record) -> str:
         if judged
         else ""
     )
-    return f"{lead}{because}.{joint}{_risk_text(found)}{remark}"
+    return f"{lead}{because}.{joint}{risk_text(found)}{remark}"
 
 
 def sentence(text: str) -> str:
@@ -57,7 +57,8 @@ def sentence(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}."
 
 
-def _risk_text(found: Record) -> str:
+def risk_text(found: Record) -> str:
+    """The specific risk of the decision made, in a sentence; nothing where none was made."""
     if found["verdict"] == "ACCEPT":
         return f" Specific consumer's risk: {_risk(found)}."
     if found["verdict"] == "REJECT":

@@ -16,12 +16,23 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pbrdf_bayes.cli import main
 from pbrdf_bayes.io.significant import significant
-from pbrdf_bayes.report.conformity import probability_text, rule_text, tolerance_text, where_text
-from pbrdf_bayes.report.figures_conformity import conformity_pictures
+from pbrdf_bayes.report.conformity import (
+    probability_text,
+    risk_text,
+    rule_text,
+    tolerance_text,
+    where_text,
+)
+from pbrdf_bayes.report.figures_conformity import HEIGHT, LIMIT, WIDTH, conformity_pictures
+from pbrdf_bayes.report.figures_planes import Picture
 from pbrdf_bayes.report.numbers import rounded
-from pbrdf_bayes.report.svg import figure_style
+from pbrdf_bayes.report.panel import LOOKS as LIGHT
+from pbrdf_bayes.report.panel import Panel, linear_ticks, new_figure
+from pbrdf_bayes.report.svg import figure_style, inline_svg
 
 HERE = Path(__file__).parent
 LIMITS = HERE / "limits.toml"
@@ -62,17 +73,51 @@ def section(paint: str, found: dict[str, Any]) -> str:
     """A paint: its verdict, its limits, the band that was not measured."""
     with figure_style():
         pictures = conformity_pictures({"conformity": found})
+        pictures += [closeup(limit) for limit in found["limits"] if len(limit["mean"]) > 1]
     rows = "".join(row(limit) for limit in found["limits"])
     because = f": {found['reason']}" if found["reason"] else ""
     panels = "".join(f"<figure><h4>{escape(str(p.title))}</h4>{p.svg}</figure>" for p in pictures)
     return f"""<section>
 <h2>{paint}, σ<sub>N0</sub> = {PAINTS[paint]:g}: <span style="color:{LOOKS[found["verdict"]]}">{found["verdict"].lower()}</span></h2>
-<p>Joint probability of conformity {probability_text(found["probability"])}{escape(because)}.</p>
+<p>Joint probability of conformity {probability_text(found["probability"])}{escape(because)}.{risk_text(found)}</p>
 <div class="scroll"><table>
 <thead><tr><th>Limit</th><th>Tolerance</th><th>Estimate ± u</th><th>Where</th><th>Probability of conformity</th><th>Verdict</th></tr></thead>
 <tbody>{rows}</tbody></table></div>
 <div class="pair">{panels}</div>
 </section>"""
+
+
+RANGE = (-30.0, 20.0)
+"""Of a curve over its limit, less 1 [%]."""
+
+
+def closeup(limit: dict[str, Any]) -> Picture:
+    """A curve over its upper limit, where it is least probably met: there the band can be seen."""
+    against = "theta_r_deg" if limit["theta_r_deg"] else "theta_i_deg"
+    x = np.array(limit[against])
+    low, mean, high = (
+        100.0 * (np.array(limit[key]) / limit["upper"] - 1.0) for key in ("q025", "mean", "q975")
+    )
+    at = limit["worst"]
+    near = np.flatnonzero((mean >= RANGE[0]) & (mean <= RANGE[1]))
+    near = np.arange(max(near[0] - 1, 0), min(near[-1] + 2, x.size))
+    across = (float(x[near[0]]), float(x[near[-1]]))
+    figure = new_figure(WIDTH, HEIGHT)
+    panel = Panel(figure, 52, 36, WIDTH - 66, HEIGHT - 62, across, RANGE)
+    ticks, labels = linear_ticks(*across)
+    angle = "scattering angle θ_r" if limit["theta_r_deg"] else "incidence angle θ_i"
+    panel.x_axis(ticks, [f"{label}°" for label in labels], angle)
+    panel.y_axis(*linear_ticks(*panel.y), f"{limit['quantity'].upper()} over its limit, less 1 [%]")
+    color = LIGHT[limit["polarization"]].color
+    panel.fill(x[near], low[near], high[near], color, 0.25)
+    panel.line(x[near], mean[near], color, 1.3)
+    panel.segments([(across[0], 0.0, across[1], 0.0)], color=LIMIT, width=1.4)
+    label = (
+        f"{limit['name']}, relative to the limit: {mean[at]:.1f} %, 95 % from {low[at]:.1f} to "
+        f"{high[at]:.1f} % at {x[at]:g} degrees"
+    )
+    name = f"closeup-{limit['quantity']}"
+    return Picture(inline_svg(figure, name=name, label=label), f"{limit['name']}: near the limit")
 
 
 def row(limit: dict[str, Any]) -> str:
@@ -100,7 +145,7 @@ h4 {{ font: 600 14px/1.35 var(--sans); margin: 0 0 4px; }}</style></head>
 <h1>One specification, three paints</h1>
 <p class="lead">The same limits, the same noise: one paint is accepted, one is rejected, and one lies where its readings do not decide.</p>
 <p>{escape(rule)}</p>
-<p>Shaded: 95 % at each angle, of the BRDF of the sample with the discrepancy of the model; red: the tolerance limits. A band conforms where the whole curve lies within them.</p>
+<p>Shaded: 95 % at each angle, of the BRDF of the sample with the discrepancy of the model; red: the tolerance limits. A band conforms where the whole curve lies within them. The second pair of each paint is the same relative to the limit, near to it, on one scale for all: where the readings do not decide, the shade lies on both sides.</p>
 {"".join(section(paint, found) for paint, found in stored.items())}
 <footer>Limits: <code>limits.toml</code>; numbers: <code>conformity.json</code>; made by <code>python reports/conformity/make.py</code>.</footer>
 </main></body></html>
