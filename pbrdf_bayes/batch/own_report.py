@@ -14,7 +14,7 @@ from pbrdf_bayes.io.run_folder import PDF, REPORT, write_text
 
 _NOTE = ".batch_report"
 KEPT = (
-    f"its report was made by other means since the batch made one, and is kept with its verdict. "
+    "Its report was made by other means since the batch made one, and is kept with its verdict. "
     f"Remove {REPORT} and {PDF} from its folder to have that of the batch with --resume."
 )
 

@@ -111,7 +111,7 @@ def _with_look_alikes(jobs: Sequence[Job]) -> tuple[Job, ...]:
             for name, i in islice(alike[likeness(job.sample)].items(), _MOST_ALIKE)
             if name != job.sample
         ]
-        text = f"the name {job.sample!a} is easily taken for that of {', '.join(others)}."
+        text = f"The name {job.sample!a} is easily taken for that of {', '.join(others)}."
         notice = f"{job.notice} {text}".strip() if others else job.notice
         found.append(replace(job, notice=notice))
     return tuple(found)
