@@ -74,6 +74,7 @@ def fit_batch(
     scheduler: str | None = None,
     resume: bool = False,
     limits: Specification | None = None,
+    reference: str | Path | None = None,
     document: Document | None = None,
     told: Callable[[Progress], None] | None = None,
     interrupted: Callable[[], bool] | None = None,
@@ -103,6 +104,9 @@ def fit_batch(
         other means since: it is kept, and the row says so.
     limits : Specification, optional
         What every sample is judged against, see `read_limits`.
+    reference : str or Path, optional
+        Run folder of the sample that differences in the limits are to; workers of a scheduler
+        must see it under the same path.
     document : Document, optional
         Items of every report, see `read_document`.
     told : callable, optional
@@ -118,10 +122,10 @@ def fit_batch(
     ------
     ConfigError
         No files, choices that no sample can be fitted with, workers that cannot be had, limits on
-        what the model does not have or that need a reference, a report number that several
-        reports would have in common.
+        what the model does not have or with differences and no reference, a report number that
+        several reports would have in common.
     RunFolderError
-        ``out`` is not empty, in use, or cannot be written.
+        The reference is no finished run, ``out`` is not empty, in use, or cannot be written.
     ClusterError
         The scheduler was lost; the index has what was done, and ``resume`` goes on.
     """
@@ -131,7 +135,8 @@ def fit_batch(
     if not 1 <= workers <= 1024:
         msg = f"workers = {workers!r} is not allowed: give a whole number from 1 to 1024"
         raise ConfigError(msg)
-    paperwork = Paperwork(limits, document)
+    other = None if reference is None else Path(reference).resolve()
+    paperwork = Paperwork(limits, other, document)
     paperwork.check()
     config = replace(config or RunConfig(), threads=1)
     jobs = plan_batch([Path(file) for file in files], config, seed=seed)

@@ -81,7 +81,7 @@ def _batch(options: argparse.Namespace) -> int:
         result = fit_batch(
             options.csv, config, out=options.out, seed=options.seed, workers=options.workers,
             scheduler=options.scheduler, resume=options.resume,
-            limits=wanted.specification, document=wanted.document,
+            limits=wanted.specification, reference=wanted.reference, document=wanted.document,
             told=None if options.quiet else teller(), interrupted=interrupted.is_set,
         )  # fmt: skip
     except KeyboardInterrupt as stop:

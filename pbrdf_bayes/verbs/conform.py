@@ -77,6 +77,8 @@ def add_paperwork(
     if limits:
         parser.add_argument("--limits", type=Path, metavar="TOML",
                             help="specification to judge it against, see conform")  # fmt: skip
+        parser.add_argument("--reference", type=Path, metavar="DIR",
+                            help="run of the sample that differences in it are to")  # fmt: skip
     parser.add_argument("--document", type=Path, metavar="TOML",
                         help="items of the report: laboratory, customer, dates, ...; {sample} and "
                         "{run} in its title, report_number, item_id")  # fmt: skip
@@ -99,6 +101,7 @@ def paperwork_of(options: argparse.Namespace) -> Any:
     limits = getattr(options, "limits", None)
     wanted = Paperwork(
         specification=None if limits is None else read_limits(limits),
+        reference=getattr(options, "reference", None),
         document=None if options.document is None else read_document(options.document),
         pdf=getattr(options, "pdf", False),
     )

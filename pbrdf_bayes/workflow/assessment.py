@@ -114,18 +114,44 @@ def assess_conformity(
     return dict(finite_only(record))
 
 
-def _check_reference(
-    analysis: Analysis, specification: Specification, reference: Analysis | None
-) -> None:
-    if specification.needs_reference and reference is None:
+def check_reference_wanted(specification: Specification | None, *, given: bool) -> None:
+    """Refuse differences without a reference, and a reference without differences.
+
+    Raises
+    ------
+    ConfigError
+    """
+    needed = specification is not None and specification.needs_reference
+    if needed and not given:
         msg = "the limits have a [[difference]]: give the run folder of the other with --reference"
         raise ConfigError(msg)
-    if reference is not None and not specification.needs_reference:
+    if given and not needed:
         msg = (
             "--reference without any [[difference]] in the limits: add one, e.g. "
             '[[difference]] name = "n", parameter = "n", tolerance = 0.02'
         )
         raise ConfigError(msg)
+
+
+def check_wavelength(wavelength_um: float, of_reference_um: float) -> None:
+    """Refuse a reference of another wavelength [um].
+
+    Raises
+    ------
+    ConfigError
+    """
+    if wavelength_um != of_reference_um:
+        msg = (
+            f"--reference was measured at {of_reference_um:g} um, the sample at "
+            f"{wavelength_um:g} um. Give a reference of the same wavelength"
+        )
+        raise ConfigError(msg)
+
+
+def _check_reference(
+    analysis: Analysis, specification: Specification, reference: Analysis | None
+) -> None:
+    check_reference_wanted(specification, given=reference is not None)
     if reference is not None:
         same = all(
             analysis.summary[key] == reference.summary[key]
@@ -134,13 +160,7 @@ def _check_reference(
         if same:
             msg = "--reference is the run itself; its draws are not independent. Give another run"
             raise ConfigError(msg)
-        waves = [a.summary["wavelength_um"] for a in (analysis, reference)]
-        if waves[0] != waves[1]:
-            msg = (
-                f"--reference was measured at {waves[1]:g} um, the sample at {waves[0]:g} um. "
-                "Give a reference of the same wavelength"
-            )
-            raise ConfigError(msg)
+        check_wavelength(*(a.summary["wavelength_um"] for a in (analysis, reference)))
 
 
 def _shuffled(other: Sample, specification: Specification, n: int) -> dict[str, Array]:

@@ -344,6 +344,7 @@ def fit_into(
     """
     clock, wanted = _Clock(observer or Observer()), paperwork or Paperwork()
     with clock.stage("check"):
+        wanted.check_for(measurement)
         checks = check_measurement(measurement)
         posterior = build_posterior(measurement, before_choice(config))
         refuse_impossible_priors(posterior)

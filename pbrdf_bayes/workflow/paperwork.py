@@ -10,13 +10,19 @@ from pathlib import Path
 from typing import Any
 
 from pbrdf_bayes.document import Document, fill_in
-from pbrdf_bayes.errors import ConfigError, RunFolderError
+from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.io import run_folder
 from pbrdf_bayes.io.print_pdf import find_browser, print_pdf
+from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.report.page import render_report
 from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.specification import Specification
-from pbrdf_bayes.workflow.assessment import assess_conformity, check_specification
+from pbrdf_bayes.workflow.assessment import (
+    assess_conformity,
+    check_reference_wanted,
+    check_specification,
+    check_wavelength,
+)
 
 
 @dataclass(frozen=True)
@@ -27,6 +33,8 @@ class Paperwork:
     ----------
     specification : Specification or None
         Limits to be judged.
+    reference : Path or None
+        Run folder of the sample that differences are to.
     document : Document or None
         Items of the report.
     pdf : bool
@@ -34,6 +42,7 @@ class Paperwork:
     """
 
     specification: Specification | None = None
+    reference: Path | None = None
     document: Document | None = None
     pdf: bool = False
 
@@ -43,18 +52,29 @@ class Paperwork:
         Raises
         ------
         ConfigError
-            Differences, which need a reference, or a PDF without a browser.
+            Differences without a reference or the other way round, or a PDF without a browser.
+        RunFolderError
+            The reference is no finished run.
         """
         if self.specification is not None:
             check_specification(self.specification)
-        if self.specification is not None and self.specification.needs_reference:
-            msg = (
-                "--limits has a [[difference]], which needs a reference: fit without it, then "
-                "pbrdf-bayes conform DIR --limits TOML --reference DIR2 --save"
-            )
-            raise ConfigError(msg)
+        check_reference_wanted(self.specification, given=self.reference is not None)
+        if self.reference is not None:
+            run_folder.load_summary(self.reference)
         if self.pdf:
             find_browser()
+
+    def check_for(self, measurement: Measurement) -> None:
+        """Refuse readings that could not be judged, before they are fitted.
+
+        Raises
+        ------
+        ConfigError
+            The reference is of another wavelength.
+        """
+        if self.reference is not None:
+            of_reference = run_folder.load_summary(self.reference)["wavelength_um"]
+            check_wavelength(measurement.wavelength_um, of_reference)
 
     @property
     def amends(self) -> bool:
@@ -65,13 +85,16 @@ class Paperwork:
         """A run has all of it already: judged by the same limits, and filled in the same."""
         if self.specification is not None:
             judged = (summary.get("conformity") or {}).get("specification_sha256")
-            if judged != _digest(self.specification):
+            if judged != _digest(self.specification, self.reference):
                 return False
         return self.document is None or summary.get("document") == fill_in(self.document, summary)
 
 
-def _digest(specification: Specification) -> str:
+def _digest(specification: Specification, reference: Path | None) -> str:
+    """Of the limits, and of the draws of the reference where there is one."""
     text = json.dumps(asdict(replace(specification, source="")), sort_keys=True)
+    if reference is not None:
+        text += str(run_folder.load_summary(reference).get("posterior_sha256"))
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -79,8 +102,9 @@ def complete(analysis: Analysis, wanted: Paperwork) -> Analysis:
     """The analysis with verdicts and items in its summary."""
     added: dict[str, Any] = {}
     if wanted.specification is not None:
-        found = assess_conformity(analysis, wanted.specification)
-        digest = _digest(wanted.specification)
+        other = None if wanted.reference is None else run_folder.load_analysis(wanted.reference)
+        found = assess_conformity(analysis, wanted.specification, other)
+        digest = _digest(wanted.specification, wanted.reference)
         added["conformity"] = {**found, "specification_sha256": digest}
     if wanted.document is not None:
         added["document"] = fill_in(wanted.document, analysis.summary)

@@ -228,6 +228,54 @@ def test_every_sample_is_judged(finished, tmp_path, quick, capsys, signals_as_be
     assert not (tmp_path / "none").exists()
 
 
+def test_every_sample_is_held_against_a_reference(
+    finished, finished_run, tmp_path, quick, capsys, signals_as_before
+):
+    """The run of another sample; what is wrong with it is said before anything is computed."""
+    out = Path(shutil.copytree(finished / "out", tmp_path / "out"))
+    limits = tmp_path / "shade.toml"
+    limits.write_text('[[difference]]\nname = "dn"\nparameter = "n"\ntolerance = 0.5\n')
+    options = [str(finished / "good.csv"), "--out", str(out), *quick, "--resume", "--quiet"]
+    assert main(["batch", *options, "--limits", str(limits)]) == 2
+    assert "give the run folder of the other with --reference" in capsys.readouterr().err
+    papers = ["--limits", str(limits), "--reference"]
+    assert main(["batch", *options, *papers, str(tmp_path / "absent")]) == 2
+    assert main(["batch", *options, "--reference", str(finished_run)]) == 2
+    assert "without any [[difference]]" in capsys.readouterr().err
+
+    assert main(["batch", *options, *papers, str(finished_run)]) == 0
+    index = index_of(out)
+    judged = [row for row in index["samples"] if row["run"]]
+    assert len(judged) == len(FITTED)
+    name = json.loads((finished_run / "summary.json").read_text("utf-8"))["sample"]
+    for row in judged:
+        found = json.loads((out / row["run"] / "summary.json").read_text("utf-8"))["conformity"]
+        assert found["reference"]["sample"] == name
+        assert row["conformity"] == found["verdict"]
+    before = {row["run"]: (out / row["run"] / "report.html").stat().st_mtime_ns for row in judged}
+    assert main(["batch", *options, *papers, str(finished_run)]) == 0
+    after = {run: (out / run / "report.html").stat().st_mtime_ns for run in before}
+    assert after == before  # judged by the same limits and reference: nothing is made again
+
+
+def test_a_reference_of_another_wavelength_is_refused_before_the_fit(
+    finished_run, tmp_path, quick, signals_as_before
+):
+    lines = write_samples(tmp_path / "a.csv", ["lot"]).read_text("utf-8").splitlines()
+    text = "\n".join([lines[0], *(line.replace(",3.39,", ",0.65,") for line in lines[1:]), ""])
+    (tmp_path / "a.csv").write_text(text, "utf-8")
+    (tmp_path / "l.toml").write_text(
+        '[[difference]]\nname = "dn"\nparameter = "n"\ntolerance = 1\n'
+    )
+    papers = ["--limits", str(tmp_path / "l.toml"), "--reference", str(finished_run)]
+    out = tmp_path / "out"
+    assert main(["batch", str(tmp_path / "a.csv"), "--out", str(out), *quick, *papers]) == 0
+    (row,) = index_of(out)["samples"]
+    assert row["status"] == "failed"
+    assert "Give a reference of the same wavelength" in row["error"]
+    assert not list(out.glob("*/summary.json"))
+
+
 def test_what_is_judged_by_the_same_limits_is_not_judged_again(
     finished, tmp_path, quick, monkeypatch, signals_as_before
 ):
