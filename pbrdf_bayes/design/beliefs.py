@@ -6,7 +6,7 @@ Nothing here is a best fit: every expectation of the design runs over these draw
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import cast
 
@@ -16,14 +16,17 @@ from numpy.typing import NDArray
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.design.candidates import Candidate
 from pbrdf_bayes.errors import ConfigError
-from pbrdf_bayes.inference.parameters import PHYSICAL
+from pbrdf_bayes.inference.parameters import DISCREPANCY, PHYSICAL, parameter_specs
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
 from pbrdf_bayes.inference.priors import NOISE_PRIORS
-from pbrdf_bayes.measurement import measurement_from_columns
+from pbrdf_bayes.measurement import Measurement, measurement_from_columns
 
 Array = NDArray[np.float64]
 
 _WIDENING = 1.1
+_OF_SCANS = ("s_rel_s", "s_rel_p", "s_rel_u", *DISCREPANCY)
+"""Parameters that only a scan has: its noise and the discrepancy of the model along it."""
+_USUAL_SCAN_DEG = tuple(float(a) for a in range(-80, 81))
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +61,16 @@ class Beliefs:
         """Names of the columns of z."""
         return tuple(self.posterior.parameter_names[i] for i in self.posterior.free)
 
+    @property
+    def scans_of_prior(self) -> bool:
+        """Whether what a scan has of its own is as the priors have it: no scan was measured."""
+        return not (self.measured and self.posterior.measurement.scans)
+
+    @property
+    def rough(self) -> bool:
+        """Whether the discrepancy along a scan is Matérn 1/2 instead of 3/2."""
+        return self.posterior.config.discrepancy == "matern-1/2"
+
     @cached_property
     def covariance(self) -> Array:
         """Of the draws in z, shape (n_free, n_free)."""
@@ -71,8 +84,13 @@ class Beliefs:
         return np.asarray(value + z[:, self.posterior.is_log].sum(axis=1))
 
 
-def beliefs_of_run(posterior: Posterior, draws: Array, *, about: Sequence[str] = ()) -> Beliefs:
+def beliefs_of_run(
+    posterior: Posterior, draws: Array, *, about: Sequence[str] = (), seed: int = 1
+) -> Beliefs:
     """What a finished fit leaves.
+
+    A fit without a scan infers neither the noise of scans nor the discrepancy of the model along
+    them: these keep their priors, as they are before any reading.
 
     Parameters
     ----------
@@ -81,6 +99,8 @@ def beliefs_of_run(posterior: Posterior, draws: Array, *, about: Sequence[str] =
         Of the posterior, physical units.
     about : sequence of str
         What the information is about; the free ones of n, k, sigma_n0 and rho0 by default.
+    seed : int
+        Of what keeps its prior.
 
     Returns
     -------
@@ -91,7 +111,23 @@ def beliefs_of_run(posterior: Posterior, draws: Array, *, about: Sequence[str] =
     ConfigError
         When ``about`` names a parameter that is not inferred.
     """
+    if not posterior.measurement.scans:
+        posterior, draws = _with_scans_of_prior(posterior, draws, seed)
     return Beliefs(posterior, draws, measured=True, about=_about(posterior, about))
+
+
+def _with_scans_of_prior(posterior: Posterior, draws: Array, seed: int) -> tuple[Posterior, Array]:
+    """The posterior and its draws with what a scan would have; equal draws have it alike."""
+    config = posterior.config
+    of_scans = tuple(
+        spec for spec in parameter_specs(_not_measured("spu", _USUAL_SCAN_DEG), config)
+        if spec.name in _OF_SCANS
+    )  # fmt: skip
+    distinct, which = np.unique(draws, axis=0, return_inverse=True)
+    chance = np.random.default_rng([seed, 21]).random((len(distinct), len(of_scans)))
+    drawn = [spec.prior.quantile(q) for spec, q in zip(of_scans, chance.T, strict=True)]
+    x = np.column_stack([draws, np.stack(drawn, axis=1)[which.ravel()]])
+    return replace(posterior, specs=(*posterior.specs, *of_scans)), x
 
 
 def beliefs_of_prior(
@@ -116,18 +152,22 @@ def beliefs_of_prior(
     pols = [q for q in "spu" if any(c.polarization == q for c in candidates)]
     scan = [c.theta_r_deg for c in candidates if c.theta_r_deg]
     angles = max(scan, key=len) if scan else (0.0,)
-    n = len(angles) * len(pols)
-    template = measurement_from_columns(
-        sample="not_measured", wavelength_um=1.0,
-        quantity=["brdf"] * n + ["dhr"] * len(pols),
-        polarization=[q for q in pols for _ in angles] + pols,
-        theta_i_deg=[0.0] * (n + len(pols)),
-        theta_r_deg=[*angles] * len(pols) + [np.nan] * len(pols),
-        value=[0.1] * (n + len(pols)),
-    )  # fmt: skip
-    posterior = build_posterior(template, config)
+    posterior = build_posterior(_not_measured(pols, angles), config)
     x = posterior.sample_prior(np.random.default_rng([seed, 20]), n_draws)
     return Beliefs(posterior, x, measured=False, about=_about(posterior, about))
+
+
+def _not_measured(polarizations: Sequence[str], theta_r_deg: Sequence[float]) -> Measurement:
+    """Scans and DHR readings whose values do not count: they name what would be inferred."""
+    n, n_pol = len(theta_r_deg) * len(polarizations), len(polarizations)
+    return measurement_from_columns(
+        sample="not_measured", wavelength_um=1.0,
+        quantity=["brdf"] * n + ["dhr"] * n_pol,
+        polarization=[q for q in polarizations for _ in theta_r_deg] + [*polarizations],
+        theta_i_deg=[0.0] * (n + n_pol),
+        theta_r_deg=[*theta_r_deg] * n_pol + [np.nan] * n_pol,
+        value=[0.1] * (n + n_pol),
+    )  # fmt: skip
 
 
 def _about(posterior: Posterior, wanted: Sequence[str]) -> tuple[str, ...]:

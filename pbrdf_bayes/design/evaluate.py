@@ -139,7 +139,7 @@ def set_stage(
     inner = draw_sets(beliefs, np.ascontiguousarray(distinct[other]), rng)
     linear = outer.take(slice(0, n_linear))
     moved, steps = moved_sets(beliefs, linear.x)
-    n = n_nuisance if beliefs.measured else max(n_nuisance, _NUISANCE_OF_PRIOR)
+    n = max(n_nuisance, _NUISANCE_OF_PRIOR) if beliefs.scans_of_prior else n_nuisance
     nuisance = draw_nuisance(beliefs, outer.x, n, rng)
     return Stage(beliefs, outer, inner, inner_weights, nuisance, linear, moved, steps, seed)
 

@@ -105,11 +105,10 @@ def scan_precisions(
     gap = np.abs(planned.theta_r_deg[:, None] - planned.theta_r_deg)
     same = planned.scan[:, None] == planned.scan
     new, old = planned.new, ~planned.new
-    rough = p.discrepancy is not None and p.discrepancy.groups.rough
     result = np.zeros((len(sets), steps.size, steps.size))
     for i in range(len(sets)):
-        a = gap / sets.ell_deg[i] if rough else np.sqrt(3.0) * gap / sets.ell_deg[i]
-        shape = np.exp(-a) if rough else (1.0 + a) * np.exp(-a)
+        a = gap / sets.ell_deg[i] if beliefs.rough else np.sqrt(3.0) * gap / sets.ell_deg[i]
+        shape = np.exp(-a) if beliefs.rough else (1.0 + a) * np.exp(-a)
         h = law.share[i]
         k = h[:, None] * (sets.tau[i] ** 2 * shape + p.rows.u_cal2 * same) * h
         k[np.diag_indices_from(k)] += law.variance[i]

@@ -199,7 +199,6 @@ def draw_scans(beliefs: Beliefs, planned: PlannedScan, law: RowLaw, *, seed: int
         ln of the readings; old rows hold what was measured.
     """
     p = beliefs.posterior
-    rough = p.discrepancy is not None and p.discrepancy.groups.rough
     u_cal = float(np.sqrt(p.rows.u_cal2))
     new, theta_r = planned.new, planned.theta_r_deg
     n = int(new.sum())
@@ -208,7 +207,7 @@ def draw_scans(beliefs: Beliefs, planned: PlannedScan, law: RowLaw, *, seed: int
     noise = np.stack([rng.standard_normal(n) for rng in rngs])
     gain = u_cal * np.array([[rng.standard_normal()] for rng in rngs])
     processes = [
-        Process(float(tau), float(ell), u_cal, rough=rough)
+        Process(float(tau), float(ell), u_cal, rough=beliefs.rough)
         for tau, ell in zip(law.sets.tau, law.sets.ell_deg, strict=True)
     ]
     old = ~new
@@ -250,18 +249,24 @@ def scan_log_likelihoods(
     ndarray, shape (n_simulated, n_sets) or (n_simulated, n_sets / n_simulated)
     """
     p = beliefs.posterior
-    rough = p.discrepancy is not None and p.discrepancy.groups.rough
     u_cal2, sets = p.rows.u_cal2, law.sets
     kernel = matched_log_likelihoods if matched else pair_log_likelihoods
     every = np.ones(planned.new.size, dtype=bool)
     found = kernel(
-        y, planned.theta_r_deg, planned.scan, *law.of(every), sets.tau, sets.ell_deg, rough, u_cal2
+        y,
+        planned.theta_r_deg,
+        planned.scan,
+        *law.of(every),
+        sets.tau,
+        sets.ell_deg,
+        beliefs.rough,
+        u_cal2,
     )
     old = ~planned.new
     if old.any():
         alone = pair_log_likelihoods(
             np.ascontiguousarray(planned.y[old][:, None]), planned.theta_r_deg[old],
-            planned.scan[old], *law.of(old), sets.tau, sets.ell_deg, rough, u_cal2,
+            planned.scan[old], *law.of(old), sets.tau, sets.ell_deg, beliefs.rough, u_cal2,
         )  # fmt: skip
         found = found - alone.reshape(-1, found.shape[1]) if matched else found - alone
     return np.asarray(found)
