@@ -16,6 +16,7 @@ from operator import add
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.design.candidates import are_alike
 from pbrdf_bayes.design.evaluate import (
     Evaluated,
     Stage,
@@ -104,7 +105,7 @@ def joint_table(stage: Stage, members: Sequence[Evaluated]) -> PairTable:
     """Of all members: scans of different geometries, and any DHR and DDR.
 
     Given all parameters these are independent, but for DHR and DDR of one polarisation, which share
-    a gain. Scans of one geometry would share the discrepancy as well.
+    a gain. Scans that are alike would share the discrepancy as well.
     """
     tables = [m.table for m in members if m.reading is None and m.table is not None]
     for q in "spu":
@@ -126,9 +127,9 @@ def greedy_batch(
 ) -> Batch:  # fmt: skip
     """Add the candidate that adds most, as long as the budget lasts.
 
-    A scan is taken at most once at a geometry, whatever its minutes and its range: scans of one
-    geometry share the discrepancy of the model, and a second one adds little. A DHR or DDR reading
-    may be taken again: it shares its gain only.
+    A scan is taken at most once at a geometry, whatever its minutes and its range, and none within
+    `ALIKE_DEG` of it: such scans share the discrepancy of the model, and a second one adds little.
+    A DHR or DDR reading may be taken again: it shares its gain only.
     Once by what a candidate adds and once by what it adds for each minute; the better of both is
     taken. Where gains diminish that is never worse than half of 1 - 1/e of the optimum (Krause and
     Guestrin, CMU-CALD-05-103, 2005).
@@ -238,12 +239,18 @@ def _without(
 ) -> list[Evaluated]:
     """What can still be taken: not another scan of the geometry; a DHR or DDR with new noise."""
     if taken.candidate.quantity == "brdf":
-        return [c for c in left if c.candidate.geometry != taken.candidate.geometry]
+        return [c for c in left if not _alike(stage, c, taken)]
     return [
         replace(c, reading=read_hemispherical(stage, c.candidate, again=again))
         if c.reading is not None and c.candidate.geometry == taken.candidate.geometry else c
         for c in left
     ]  # fmt: skip
+
+
+def _alike(stage: Stage, one: Evaluated, other: Evaluated) -> bool:
+    b = stage.beliefs
+    measured = b.posterior.measurement if b.measured else None
+    return are_alike(one.candidate, other.candidate, measured)
 
 
 def best_pair(
@@ -265,7 +272,7 @@ def best_pair(
         `local_law` of the stage, where it is there already.
     """
     here = law or local_law(stage)
-    fit = _pairs([c for c in candidates if c.table is not None], minutes)[:_MOST_PAIRS]
+    fit = _pairs(stage, [c for c in candidates if c.table is not None], minutes)[:_MOST_PAIRS]
     plain = _greedy(stage, here, candidates, minutes, 2, per_minute=False)
     if len(plain.members) < 2:
         return None
@@ -280,25 +287,29 @@ def best_pair(
                 best = plain
             gap, error = difference(best.gains[-1], plain.gains[-1])
             return Pairs(best, plain, gap, error, len(fit))
-    return _best_local_pair(here, candidates, plain, minutes)
+    return _best_local_pair(stage, here, candidates, plain, minutes)
 
 
-def _pairs(candidates: Sequence[Evaluated], minutes: float) -> list[tuple[Evaluated, Evaluated]]:
-    """Pairs of two geometries that fit the budget, those of the largest gains first."""
+def _pairs(
+    stage: Stage, candidates: Sequence[Evaluated], minutes: float
+) -> list[tuple[Evaluated, Evaluated]]:
+    """Pairs that are not alike and fit the budget, those of the largest gains first."""
     ordered = sorted(candidates, key=lambda c: -c.gain.eig)
     pairs = [
         pair for pair in combinations(ordered, 2)
         if sum(c.candidate.minutes for c in pair) <= minutes + _ROUNDING
-        and pair[0].candidate.geometry != pair[1].candidate.geometry
+        and not _alike(stage, *pair)
     ]  # fmt: skip
     return sorted(pairs, key=lambda pair: -sum(c.gain.eig for c in pair))
 
 
 def _best_local_pair(
-    law: LocalLaw, candidates: Sequence[Evaluated], plain: Batch, minutes: float
+    stage: Stage, law: LocalLaw, candidates: Sequence[Evaluated], plain: Batch, minutes: float
 ) -> Pairs | None:
     """By expected log-determinants: the gain of the greedy pair plus the difference to it."""
-    pairs = _pairs([c for c in candidates if c.told is not None], minutes)[:_MOST_LOCAL_PAIRS]
+    pairs = _pairs(stage, [c for c in candidates if c.told is not None], minutes)[
+        :_MOST_LOCAL_PAIRS
+    ]
     if not pairs:
         return None
     reference = law.entropy(_told(plain.members))

@@ -10,12 +10,17 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.diffuse_directional import PORT_RANGE_DEG
 from pbrdf_bayes.errors import ConfigError
-from pbrdf_bayes.measurement import Measurement, name_direction
+from pbrdf_bayes.measurement import Measurement, Scan
 from pbrdf_bayes.model import MAX_THETA_I_DEG
 
 QUANTITIES = ("brdf", "dhr", "ddr")
 POLARIZATIONS = ("s", "p", "u")
 MOST_READINGS = 2000
+ALIKE_DEG = 1.0
+"""Scans of one polarisation whose incidence differs by less are repeats of one another [deg]. The
+discrepancy of the model belongs to sample and geometry: within the angular scale of a goniometer,
+its aperture and alignment, it is the same curve, far below the 20 deg over which it changes along a
+scan; no second one to average over."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +107,7 @@ class Candidate:
     def geometry(self) -> tuple[int, ...]:
         """Quantity, polarisation, incidence and port as whole numbers, angles in 1e-6 deg.
 
-        What two candidates share readings by: their angles and their minutes may still differ.
+        Two candidates of one geometry may still differ in their angles and their minutes.
         """
         return (
             QUANTITIES.index(self.quantity), POLARIZATIONS.index(self.polarization),
@@ -237,18 +242,66 @@ def repeats(
     )  # fmt: skip
 
 
+def scans_alike(candidate: Candidate, measurement: Measurement) -> tuple[Scan, ...]:
+    """Scans that were measured and that a candidate repeats, all of one incidence.
+
+    Those in the plane of incidence, of its polarisation, of the incidence nearest to its own if
+    that is less than `ALIKE_DEG` away.
+    """
+    if candidate.quantity != "brdf":
+        return ()
+    near = [
+        s for s in measurement.scans
+        if s.polarization == candidate.polarization and s.phi_r_deg == 0.0
+        and _near(s.theta_i_deg, candidate.theta_i_deg)
+    ]  # fmt: skip
+    nearest = min(
+        (s.theta_i_deg for s in near), key=lambda a: abs(a - candidate.theta_i_deg), default=0.0
+    )
+    return tuple(s for s in near if s.theta_i_deg == nearest)
+
+
 def was_measured(candidate: Candidate, measurement: Measurement) -> bool:
     """Whether the candidate repeats a geometry of the measurement."""
-    if candidate.quantity == "brdf":
-        name = name_direction(candidate.polarization, candidate.theta_i_deg, 0.0)
-        known = (name_direction(s.polarization, s.theta_i_deg, s.phi_r_deg)
-                 for s in measurement.scans)  # fmt: skip
-        return name in known
     dhr = measurement.dhr
     same: NDArray[np.bool_] = (dhr.theta_i_deg == candidate.theta_i_deg) & (
         dhr.polarization == candidate.polarization
     )
-    return candidate.quantity == "dhr" and bool(same.any())
+    if candidate.quantity == "dhr":
+        return bool(same.any())
+    return bool(scans_alike(candidate, measurement))
+
+
+def are_alike(one: Candidate, other: Candidate, measurement: Measurement | None) -> bool:
+    """Whether two candidates are repeats of one another: of one geometry, or scans close to it.
+
+    Parameters
+    ----------
+    one, other : Candidate
+    measurement : Measurement or None
+        What was measured: two scans that repeat the same one of it are alike too.
+
+    Examples
+    --------
+    >>> at = [Candidate("brdf", "p", a, 10.0, theta_r_deg=(0.0,)) for a in (56.0, 56.16, 57.0)]
+    >>> are_alike(at[0], at[1], None), are_alike(at[0], at[2], None)
+    (True, False)
+    """
+    if one.geometry == other.geometry:
+        return True
+    if {one.quantity, other.quantity} != {"brdf"} or one.polarization != other.polarization:
+        return False
+    if _near(one.theta_i_deg, other.theta_i_deg):
+        return True
+    if measurement is None:
+        return False
+    first, second = (scans_alike(c, measurement) for c in (one, other))
+    return bool(first) and first == second
+
+
+def _near(one_deg: float, other_deg: float) -> bool:
+    """Nearer than `ALIKE_DEG`, to the 1e-6 deg that a geometry is told to."""
+    return round(1e6 * abs(one_deg - other_deg)) < round(1e6 * ALIKE_DEG)
 
 
 def _one_of(where: str, key: str, value: str, allowed: Sequence[str]) -> None:

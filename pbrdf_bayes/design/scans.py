@@ -1,7 +1,7 @@
 """The law of the readings of a BRDF scan that could be taken, and draws of them.
 
-A scan at a geometry that was measured shares the discrepancy of the model with the readings there:
-its law is that of both together over that of the old ones,
+A scan at a geometry that was measured, or within `ALIKE_DEG` of it, shares the discrepancy of the
+model with the readings there: its law is that of both together over that of the old ones,
 
     p(new | x, data) = p(old, new | x) / p(old | x),
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.design.beliefs import Beliefs, DrawnSets
-from pbrdf_bayes.design.candidates import Candidate
+from pbrdf_bayes.design.candidates import Candidate, scans_alike
 from pbrdf_bayes.design.pairs import matched_log_likelihoods, pair_log_likelihoods
 from pbrdf_bayes.inference.discrepancy import Process, draw_prior_discrepancy
 from pbrdf_bayes.inference.discrepancy_paths import draw_paths_given
@@ -35,7 +35,7 @@ _LEAST_SHARE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class PlannedScan:
-    """The rows of a scan, together with those measured at its geometry.
+    """The rows of a scan, together with those measured at its geometry or close to it.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class RowLaw:
 
 
 def plan_scan(beliefs: Beliefs, candidate: Candidate, bright: NDArray[np.bool_]) -> PlannedScan:
-    """Put the rows of a candidate and those measured at its geometry in order.
+    """Put the rows of a candidate and those that it repeats in order.
 
     Parameters
     ----------
@@ -105,17 +105,20 @@ def plan_scan(beliefs: Beliefs, candidate: Candidate, bright: NDArray[np.bool_])
     """
     p = beliefs.posterior
     theta_r = np.array(candidate.theta_r_deg)[bright]
-    old = _measured_there(p, candidate) if beliefs.measured else []
+    old = _measured_there(p, candidate) if beliefs.measured else ()
     rows = [np.arange(s.start, s.stop) for s in old]
     rows = [r[~p.rows.censored[r]] for r in rows]
     angles = np.concatenate([*(p.measurement.brdf.theta_r_deg[r] for r in rows), theta_r])
+    theta_i = [*(s.theta_i_deg for s in old), candidate.theta_i_deg]
     y = np.concatenate([*(p.rows.y[r] for r in rows), np.zeros(theta_r.size)])
     lengths = [*(r.size for r in rows), theta_r.size]
     scan = np.repeat(np.arange(len(lengths)), lengths)
     order = np.argsort(angles, kind="stable")
     return PlannedScan(
         polarization=candidate.polarization,
-        geometry=scan_geometry(candidate.theta_i_deg, angles[order], candidate.polarization),
+        geometry=scan_geometry(
+            np.repeat(theta_i, lengths)[order], angles[order], candidate.polarization
+        ),
         theta_r_deg=angles[order],
         scan=scan[order],
         new=scan[order] == len(lengths) - 1,
@@ -124,7 +127,7 @@ def plan_scan(beliefs: Beliefs, candidate: Candidate, bright: NDArray[np.bool_])
     )
 
 
-def scan_geometry(theta_i_deg: float, theta_r_deg: Array, polarization: str) -> Geometry:
+def scan_geometry(theta_i_deg: float | Array, theta_r_deg: Array, polarization: str) -> Geometry:
     """Geometry of rows in the plane of incidence, of one polarisation."""
     n = theta_r_deg.size
     return prepare_geometry(
@@ -157,15 +160,11 @@ def measured_rows(posterior: Posterior, scans: Sequence[Scan]) -> PlannedScan:
     )  # fmt: skip
 
 
-def _measured_there(posterior: Posterior, candidate: Candidate) -> list[Scan]:
+def _measured_there(posterior: Posterior, candidate: Candidate) -> tuple[Scan, ...]:
     """Scans of the same discrepancy; without one, repeats tell nothing of each other."""
     if posterior.discrepancy is None:
-        return []
-    return [
-        s for s in posterior.measurement.scans
-        if (s.theta_i_deg, s.polarization, s.phi_r_deg)
-        == (candidate.theta_i_deg, candidate.polarization, 0.0)
-    ]  # fmt: skip
+        return ()
+    return scans_alike(candidate, posterior.measurement)
 
 
 def law_of_rows(beliefs: Beliefs, planned: PlannedScan, sets: DrawnSets, brdf: Array) -> RowLaw:

@@ -10,7 +10,7 @@ import pytest
 import pbrdf_bayes as pb
 from pbrdf_bayes.design.batches import Pairs, best_pair, greedy_batch, joint_gain
 from pbrdf_bayes.design.beliefs import Beliefs, beliefs_of_run
-from pbrdf_bayes.design.candidates import Candidate, distinct_labels
+from pbrdf_bayes.design.candidates import Candidate, are_alike, distinct_labels
 from pbrdf_bayes.design.evaluate import Evaluated, Stage, evaluate, set_stage, told_by
 from pbrdf_bayes.design.local import local_law
 from pbrdf_bayes.design.nested import difference
@@ -206,6 +206,30 @@ def test_a_geometry_is_taken_once(stage: Stage) -> None:
     assert isinstance(pairs, Pairs)
     assert pairs.n_compared == 3
     assert len({e.candidate.geometry for e in pairs.best.members}) == 2
+
+
+def test_scans_close_to_one_another_are_taken_once(stage: Stage) -> None:
+    """A discrepancy of the model does not average out between 56 and 56.5 deg."""
+    near = [scan_of("p", a) for a in (56.0, 56.001, 56.002, 56.5)]
+    options = [put_to(stage, c) for c in (*near, scan_of("s", 56.0))]
+    batch = greedy_batch(stage, options, minutes=np.inf, most=4)
+    assert sorted(e.candidate.polarization for e in batch.members) == ["p", "s"]
+    assert best_pair(stage, options[:4], minutes=np.inf) is None
+    pairs = best_pair(stage, options, minutes=np.inf)
+    assert isinstance(pairs, Pairs)
+    assert pairs.n_compared == 4
+
+
+def test_scans_about_a_measured_one_are_taken_once() -> None:
+    """Both have the discrepancy of the scan between them, 1 deg apart from each other."""
+    m = simulate_measurement(
+        GREEN_PAINT, seed=1, theta_i_deg=(20.0,), theta_r_deg=SCAN, dhr_theta_i_deg=(10.0,)
+    )
+    assert are_alike(scan_of("p", 19.4), scan_of("p", 20.6), m)
+    assert not are_alike(scan_of("p", 19.4), scan_of("p", 20.6), None)
+    assert not are_alike(scan_of("p", 19.4), scan_of("s", 20.6), m)
+    assert not are_alike(scan_of("p", 39.4), scan_of("p", 40.6), m)
+    assert not are_alike(dhr_of("s", 20.0), dhr_of("s", 20.1), m)
 
 
 def test_labels_that_would_be_equal_say_what_differs(known: Beliefs) -> None:

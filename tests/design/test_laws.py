@@ -21,6 +21,7 @@ from pbrdf_bayes.design.hemispherical import (
 from pbrdf_bayes.design.run import DesignChoices, design_measurements
 from pbrdf_bayes.design.scans import draw_scans, law_of_rows, plan_scan, scan_log_likelihoods
 from pbrdf_bayes.errors import ConfigError
+from pbrdf_bayes.inference.parameters import PHYSICAL
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
 from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
 
@@ -60,9 +61,9 @@ def joint_covariance(b: Beliefs, planned, law, i: int) -> np.ndarray:
     return common + np.diag(law.variance[i])
 
 
-@pytest.mark.parametrize("theta_i", [20.0, 40.0])
+@pytest.mark.parametrize("theta_i", [20.0, 20.6, 40.0])
 def test_law_of_a_scan_given_what_was_measured_there(theta_i: float) -> None:
-    """Dense conditional normal densities; at 40 deg nothing was measured."""
+    """Dense conditional normal densities; at 40 deg nothing was measured, 20.6 repeats 20."""
     b = beliefs()
     candidate = scan_of("p", theta_i)
     planned = plan_scan(b, candidate, np.ones(len(SCAN), dtype=bool))
@@ -72,6 +73,10 @@ def test_law_of_a_scan_given_what_was_measured_there(theta_i: float) -> None:
     y = draw_scans(b, planned, law, seed=4)
     found = scan_log_likelihoods(b, planned, y, law, matched=False)
     new, old = planned.new, ~planned.new
+    paint = pb.Parameters(**dict(zip(PHYSICAL, sets.x[0, :4].tolist(), strict=True)))
+    for rows, angle in ((new, theta_i), (old, 20.0)):
+        at = pb.brdf(paint, angle, planned.theta_r_deg[rows], "p")
+        np.testing.assert_allclose(law.mean[0, rows], np.log(at), atol=1e-4)
     for i in range(4):
         for m in range(4):
             k, mean = joint_covariance(b, planned, law, m), law.mean[m]
@@ -225,6 +230,8 @@ def test_usual_scan_and_repeats() -> None:
     m = posterior_of().measurement
     assert usual_scan(m) == tuple(np.arange(-60.0, 61.0, 5.0))
     assert was_measured(scan_of("s", 20.0), m)
+    assert was_measured(scan_of("s", 20.9), m)
+    assert not was_measured(scan_of("s", 21.0), m)
     assert not was_measured(scan_of("u", 20.0), m)
     assert was_measured(Candidate("dhr", "p", 50.0, 1.0), m)
     assert not was_measured(Candidate("ddr", "p", 50.0, 1.0, port_deg=5.0), m)
