@@ -60,6 +60,7 @@ def rank_for_goal(
     se = np.sqrt(np.array(variance) + np.sum(inner**2, axis=1))
     minutes = np.array([e.candidate.minutes for e in evaluated])
     one, other = (
-        rank(terms, minutes, per_minute=flag, seed=seed, inner=inner) for flag in (False, True)
+        rank(terms, minutes, per_minute=flag, seed=seed, inner=inner, se=se)
+        for flag in (False, True)
     )
     return GoalRanking(name, left, se, one, other)

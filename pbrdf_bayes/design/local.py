@@ -96,12 +96,16 @@ def surprise(stage: Stage) -> Array:
     return np.asarray(level - log_marginal(b, stage.linear.x, _N_NUISANCE, rng))
 
 
-def local_gain(terms: Array, within: Gain) -> Gain:
-    """Gain by the local normal law, `surprise` less entropy, within the bracket of simulations."""
+def local_gain(terms: Array, within: Gain, *, alone: float = 0.0) -> Gain:
+    """Gain by the local normal law, `surprise` less entropy, within the bracket of simulations.
+
+    ``alone`` is the standard error of a correction that the terms carry.
+    """
     eig = float(np.clip(terms.mean(), within.low, max(within.low, within.high)))
     return Gain(
-        eig=eig, se=float(terms.std(ddof=1) / np.sqrt(terms.size)), low=within.low,
-        high=within.high, ess=within.ess, terms=terms - terms.mean() + eig, method=LOCAL,
+        eig=eig, se=float(np.hypot(terms.std(ddof=1) / np.sqrt(terms.size), alone)),
+        low=within.low, high=within.high, ess=within.ess, terms=terms - terms.mean() + eig,
+        method=LOCAL, alone=alone,
     )  # fmt: skip
 
 

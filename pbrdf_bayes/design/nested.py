@@ -104,6 +104,8 @@ class Gain:
         Of the own and the inner draws after each simulated reading, where they were kept.
     method : {"nested", "refined", "local"}
         Tier 1; tier 2; the local normal approximation, ``low`` and ``high`` those of the others.
+    alone : float
+        The part of ``se`` that the terms do not show and no other candidate shares.
     """
 
     eig: float
@@ -115,6 +117,7 @@ class Gain:
     inner: Array | None = None
     weights: Array | None = None
     method: str = NESTED
+    alone: float = 0.0
 
     @property
     def wide(self) -> bool:

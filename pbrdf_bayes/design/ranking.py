@@ -7,15 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
+
+from pbrdf_bayes.design.nested import LOCAL, Gain
 
 Array = NDArray[np.float64]
 
 _N_MEANS = 4000
-_CLEAR = 0.9772
-"""Quantile of Student's t beyond which brackets that do not overlap are apart."""
 _HELD = 0.95
-"""Chance that the best one is in the set of those not told apart."""
+"""Chance that candidates as good as the best one are all among those not told apart from it."""
+_CLEAR = 2.0
+"""Standard errors beyond which a mean is no chance of the calculation."""
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,10 +30,12 @@ class Ranking:
     p_best : ndarray, shape (n_candidates,)
         Chance to be the best, given the simulated readings.
     tied : ndarray of bool, shape (n_candidates,)
-        Cannot be told apart from the best: the fewest that hold the best one with a chance of 95 %,
-        the one with the largest value among them; or those whose brackets overlap.
+        Cannot be told apart from the best: the paired difference to it is one that as many equal
+        candidates would show, with a chance of 95 % that all of these are held (2 standard errors
+        for two of them, 3.7 for 24); or brackets overlap.
     pareto : ndarray of bool, shape (n_candidates,)
-        No other one gives as much in fewer minutes, or more in as many.
+        More than 2 standard errors above 0, and no other one gives as much in fewer minutes, or
+        more in as many.
     n_readings : int
         Simulated readings that the comparison rests on.
     """
@@ -45,7 +49,7 @@ class Ranking:
 
 def rank(
     terms: Array, minutes: Array, *, per_minute: bool, seed: int, inner: Array | None = None,
-    reach: Array | None = None,
+    reach: Array | None = None, alone: Array | None = None, se: Array | None = None,
 ) -> Ranking:  # fmt: skip
     """Rank candidates by their mean contributions.
 
@@ -64,6 +68,10 @@ def rank(
         How far the truth may lie below and above the mean where a bracket is wide, else 0. Where
         brackets of the best ones overlap nothing is known of their order: they share ``p_best``
         evenly.
+    alone : ndarray, shape (n_candidates,), optional
+        Standard error of a mean that its terms do not show and that it shares with no other.
+    se : ndarray, shape (n_candidates,), optional
+        Standard error of each mean, where it rests on more than ``terms``.
 
     Returns
     -------
@@ -74,26 +82,46 @@ def rank(
     value = utility.mean(axis=1)
     n = utility.shape[1]
     moved = np.zeros((len(value), 1)) if inner is None else inner * each[:, None]
+    if alone is not None:
+        moved = np.hstack([moved, np.diag(alone * each)])
     below, above = np.zeros((2, len(value))) if reach is None else (reach * each[:, None]).T
     best = int(np.argmax(value))
-    away = utility[best] - utility
-    error = np.sqrt(away.var(axis=1, ddof=1) / n + np.sum((moved[best] - moved) ** 2, axis=1))
-    tied = away.mean(axis=1) - below[best] - above <= float(stdtrit(n - 1, _CLEAR)) * error
-    tied[best] = True
+    drawn = _drawn_errors(utility, moved, seed)
+    covariance = np.cov(utility).reshape(len(value), -1) / n + moved @ moved.T
+    behind = value[best] - value - below[best] - above
+    tied = _not_told_apart(behind, best, drawn, covariance)
     if np.any((below + above)[tied] > 0.0):
         p_best = tied / tied.sum()
     else:
-        p_best = _chance_to_be_best(utility, moved, seed)
-        order = np.argsort(-p_best, kind="stable")
-        before = np.cumsum(p_best[order]) - p_best[order]
-        tied = np.zeros(len(value), dtype=bool)
-        tied[order[before < _HELD]] = True
-        tied[best] = True
-    return Ranking(value, p_best, tied, pareto_front(terms.mean(axis=1), minutes), n)
+        first = (value[:, None] + drawn).argmax(axis=0)
+        p_best = np.bincount(first, minlength=len(value)) / _N_MEANS
+    mean = terms.mean(axis=1)
+    error = np.sqrt(np.diag(covariance)) / each if se is None else se
+    front = pareto_front(np.where(mean > _CLEAR * error, mean, 0.0), minutes)
+    return Ranking(value, p_best, tied, front, n)
 
 
-def _chance_to_be_best(utility: Array, moved: Array, seed: int) -> Array:
-    """By draws of the means: Student's t of the readings, normal of the luck of inner draws.
+def rank_gains(gains: Sequence[Gain], minutes: Array, *, per_minute: bool, seed: int) -> Ranking:
+    """Rank gains by readings that all share, about the mean over all of each: tier 2 has fewer.
+
+    Of the local normal law the bracket says little.
+    """
+    n = min(g.terms.size for g in gains)
+    none = np.zeros(max((g.inner.size for g in gains if g.inner is not None), default=1))
+    return rank(
+        np.array([g.terms[:n] - g.terms[:n].mean() + g.eig for g in gains]), minutes,
+        per_minute=per_minute, seed=seed,
+        inner=np.array([none if g.inner is None else g.inner for g in gains]),
+        reach=np.array([
+            (g.eig - g.low, g.high - g.eig) if g.wide and g.method != LOCAL else (0.0, 0.0)
+            for g in gains
+        ]),
+        alone=np.array([g.alone for g in gains]), se=np.array([g.se for g in gains]),
+    )  # fmt: skip
+
+
+def _drawn_errors(utility: Array, moved: Array, seed: int) -> Array:
+    """Errors of the means, (n_candidates, n): Student's t of the readings, normal of inner draws.
 
     With n readings of unknown covariance the means have a multivariate t law of n - 1 degrees of
     freedom about those found.
@@ -104,9 +132,30 @@ def _chance_to_be_best(utility: Array, moved: Array, seed: int) -> Array:
     scale = 1.0 / np.sqrt(n * rng.chisquare(n - 1, _N_MEANS))
     size, axes = np.linalg.eigh(moved @ moved.T)
     luck = axes * np.sqrt(np.maximum(size, 0.0))
-    means = utility.mean(axis=1)[:, None] + away @ rng.standard_normal((n, _N_MEANS)) * scale
-    means = means + luck @ rng.standard_normal((len(utility), _N_MEANS))
-    return np.bincount(means.argmax(axis=0), minlength=len(utility)) / _N_MEANS
+    of_readings = away @ rng.standard_normal((n, _N_MEANS)) * scale
+    return np.asarray(of_readings + luck @ rng.standard_normal((len(utility), _N_MEANS)))
+
+
+def _not_told_apart(behind: Array, best: int, drawn: Array, covariance: Array) -> NDArray[np.bool_]:
+    """Candidates no further behind the best than equal ones are behind the best of these.
+
+    The best of many equal candidates is ahead by luck: a difference to it, in its standard errors,
+    is compared with the largest one among the candidates of the set, if these are equal.
+    """
+    variance = np.diag(covariance)
+    error = np.sqrt(np.maximum(variance[:, None] + variance - 2.0 * covariance, 0.0))
+    tied = np.ones(behind.size, dtype=bool)
+    while True:
+        at = np.flatnonzero(tied)
+        first = at[drawn[at].argmax(axis=0)]
+        away = drawn[first, np.arange(first.size)] - drawn[at]
+        scale = error[at[:, None], first]
+        ratio = np.where(scale > _ROUNDING, away / np.maximum(scale, _ROUNDING), 0.0)
+        limit = float(np.quantile(ratio.max(axis=0), _HELD))
+        kept = tied & (behind <= limit * error[best] + _ROUNDING)
+        if kept.sum() == tied.sum():
+            return tied
+        tied = kept
 
 
 def pareto_front(gain: Array, minutes: Array) -> NDArray[np.bool_]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TypeVar
@@ -26,7 +26,7 @@ from pbrdf_bayes.design.evaluate import (
 )
 from pbrdf_bayes.design.fisher import Told
 from pbrdf_bayes.design.for_goals import GoalRanking, rank_for_goal
-from pbrdf_bayes.design.goals import Goal, values_of
+from pbrdf_bayes.design.goals import Goal
 from pbrdf_bayes.design.local import (
     LocalLaw,
     Slopes,
@@ -36,8 +36,9 @@ from pbrdf_bayes.design.local import (
     slopes_of_quantities,
     surprise,
 )
-from pbrdf_bayes.design.nested import LEAST_DRAWS, LOCAL, Gain
-from pbrdf_bayes.design.ranking import Ranking, rank
+from pbrdf_bayes.design.nested import LEAST_DRAWS, LOCAL, REFINED, Gain
+from pbrdf_bayes.design.quantities import Quantities, quantities_of, taken_from_goals
+from pbrdf_bayes.design.ranking import Ranking, rank_gains
 from pbrdf_bayes.design.refine import least_work, refined_gain, with_refined
 from pbrdf_bayes.errors import ConfigError
 
@@ -52,6 +53,8 @@ _KEPT = 24
 USUAL_BATCH, MOST_TOGETHER = 4, 20
 """Measurements of a batch: without a budget, and at most."""
 _FEWEST_REFINED, _MOST_REFINED, _INNER_REFINED = 2, 8, 400
+_MOST_LEADERS = 8
+"""Candidates that tier 2 may take beyond these because they would lead."""
 _WORK_REFINED = 2e8
 """Values of the model that tier 2 may compute in all, as long as it has the fewest candidates."""
 
@@ -163,7 +166,8 @@ def design_measurements(
     ----------
     beliefs : Beliefs
     candidates : sequence of Candidate
-        Of many, the most promising by tier 0 go on to tier 1.
+        Of many, the most promising by tier 0, and by the local normal law for each goal, go on to
+        tier 1.
     choices : DesignChoices, optional
     goals : sequence of Goal
         Predictions whose expected sharpening is wanted.
@@ -193,10 +197,14 @@ def design_measurements(
         all_told = _each(lambda c: told_by(stage, c), candidates, wanted.threads, told, "screening")
         linear = np.array([linear_gains(stage, t) for t in all_told])
         level, minutes = linear.mean(axis=1), np.array([c.minutes for c in candidates])
-        chosen = _promising(level, minutes, _MOST_EVALUATED)
-        kept = set(_promising(level, minutes, _KEPT).tolist())
-        quantities = _quantities(stage, aims)
+        by_level = [level, level / minutes]
+        kept = set(_promising(by_level, _KEPT).tolist())
+        quantities = quantities_of(stage, aims)
         law, slopes = local_law(stage), slopes_of_quantities(stage, aims, quantities.variance)
+        if len(candidates) > _MOST_EVALUATED:
+            taken = taken_from_goals(law, all_told, slopes, quantities, len(beliefs.about))
+            by_level += [share for one in taken.T for share in (one, one / minutes)]
+        chosen = _promising(by_level, _MOST_EVALUATED)
         evaluated = tuple(_each(
             lambda i: _simulated(
                 stage, law, slopes, quantities, candidates[i], all_told[i], keep=i in kept
@@ -211,7 +219,7 @@ def design_measurements(
             pairs = best_pair(stage, evaluated, minutes=wanted.minutes, law=law)
         told("combining", 1, 1)
     by_gain, by_minute = (
-        _ranked([e.gain for e in evaluated], minutes[chosen], wanted.seed, per_minute=flag)
+        rank_gains([e.gain for e in evaluated], minutes[chosen], per_minute=flag, seed=wanted.seed)
         for flag in (False, True)
     )
     measurement = beliefs.posterior.measurement
@@ -239,37 +247,8 @@ def design_measurements(
     )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class _Quantities:
-    """Parameters and goals at the draws; a scan has several columns, which count together.
-
-    ``variance`` is that of each column before the measurement, ``groups`` the columns of each name.
-    """
-
-    names: tuple[str, ...]
-    own: Array
-    inner: Array
-    variance: Array
-    groups: tuple[NDArray[np.int64], ...]
-
-    @property
-    def sd(self) -> Array:
-        """Standard deviation of each name before the measurement."""
-        return np.array([np.sqrt(self.variance[at].mean()) for at in self.groups])
-
-
-def _quantities(stage: Stage, goals: Sequence[Goal]) -> _Quantities:
-    own, columns = values_of(stage.beliefs, goals, stage.outer.x)
-    inner, _ = values_of(stage.beliefs, goals, stage.inner.x)
-    names = tuple(dict.fromkeys(columns))
-    return _Quantities(
-        names, own, inner, np.concatenate([own, inner]).var(axis=0, ddof=1),
-        tuple(np.flatnonzero(np.array(columns) == name) for name in names),
-    )  # fmt: skip
-
-
 def _simulated(
-    stage: Stage, law: LocalLaw, slopes: Slopes, quantities: _Quantities, candidate: Candidate,
+    stage: Stage, law: LocalLaw, slopes: Slopes, quantities: Quantities, candidate: Candidate,
     told: Told, *, keep: bool,
 ) -> Evaluated:  # fmt: skip
     """Tier 1; what is left by the local normal law where too few draws tell it."""
@@ -286,7 +265,7 @@ def _refined(
     stage: Stage, law: LocalLaw, evaluated: tuple[Evaluated, ...], wanted: DesignChoices,
     told: Callable[[str, int, int], None],
 ) -> tuple[Evaluated, ...]:  # fmt: skip
-    """Tier 2 for the most promising candidates whose bracket is wide.
+    """Tier 2 for the most promising candidates whose bracket is wide, and for any that would lead.
 
     For the others the local normal law, where next to no draws are left or the middle of the
     bracket means nothing; the other wide ones keep it.
@@ -301,12 +280,11 @@ def _refined(
         done = found[i]
         assert done.told is not None
         terms[i] = known - law.entropy([done.told])
-        few = done.gain.bounded or done.gain.ess < LEAST_DRAWS
-        gain = local_gain(terms[i], done.gain) if few else done.gain
+        gain = local_gain(terms[i], done.gain) if _is_few(done.gain) else done.gain
         found[i] = replace(done, gain=gain, local_nats=float(terms[i].mean()))
     level = np.array([found[i].gain.eig for i in wide])
-    minutes = np.array([found[i].candidate.minutes for i in wide])
-    best = _promising(level, minutes, _MOST_REFINED)
+    minutes = np.array([e.candidate.minutes for e in evaluated])
+    best = _promising([level, level / minutes[wide]], _MOST_REFINED)
     best = wide[best[np.argsort(-level[best], kind="stable")]]
     needed = np.cumsum([least_work(stage, found[i].candidate) for i in best])
     best = best[: max(_FEWEST_REFINED, int(np.searchsorted(needed, _WORK_REFINED)))]
@@ -318,38 +296,53 @@ def _refined(
         gain = with_refined(evaluated[i].gain, gain)
         return replace(done, gain=local_gain(terms[i], gain) if gain.bounded else gain)
 
-    finer = _each(refine, best.tolist(), wanted.threads, told, "refining")
-    for i, e in zip(best.tolist(), finer, strict=True):
-        found[i] = e
-    return tuple(found)
+    left, wanting = set(wide.tolist()), best.tolist()
+    most = len(best) + _MOST_LEADERS
+    while True:
+        finer = _each(refine, wanting, wanted.threads, told, "refining")
+        for i, e in zip(wanting, finer, strict=True):
+            found[i] = e
+        left -= set(wanting)
+        shown = _on_one_scale(evaluated, found, terms)
+        gains = np.array([e.gain.eig for e in shown])
+        leaders = {int(np.argmax(gains)), int(np.argmax(gains / minutes))}
+        wanting = sorted(leaders & left)
+        if not wanting or len(wide) - len(left) + len(wanting) > most:
+            return tuple(shown)
 
 
-def _ranked(gains: Sequence[Gain], minutes: Array, seed: int, *, per_minute: bool) -> Ranking:
-    """By readings that all gains share, about the mean over all of each: tier 2 has fewer.
+def _is_few(gain: Gain) -> bool:
+    """Whether tier 1 leaves the local normal law to tell."""
+    return gain.bounded or gain.ess < LEAST_DRAWS
 
-    Of the local normal law the bracket says little.
+
+def _on_one_scale(
+    before: Sequence[Evaluated], found: Sequence[Evaluated], terms: Mapping[int, Array]
+) -> list[Evaluated]:
+    """Local gains moved by the mean of what tier 2 found beyond them, its scatter in their error.
+
+    Else one that the local law sees too high would overtake those that tier 2 has corrected.
     """
-    n = min(g.terms.size for g in gains)
-    n_inner = max((g.inner.size for g in gains if g.inner is not None), default=1)
-    none = np.zeros(n_inner)
-    return rank(
-        np.array([g.terms[:n] - g.terms[:n].mean() + g.eig for g in gains]), minutes,
-        per_minute=per_minute, seed=seed,
-        inner=np.array([none if g.inner is None else g.inner for g in gains]),
-        reach=np.array([
-            (g.eig - g.low, g.high - g.eig) if g.wide and g.method != LOCAL else (0.0, 0.0)
-            for g in gains
-        ]),
-    )  # fmt: skip
+    beyond = np.array([
+        found[i].gain.eig - of_local.mean() for i, of_local in terms.items()
+        if found[i].gain.method == REFINED and _is_few(before[i].gain)
+    ])  # fmt: skip
+    if beyond.size < _FEWEST_REFINED:
+        return list(found)
+    scatter = float(beyond.std(ddof=1) * np.sqrt(1.0 + 1.0 / beyond.size))
+    return [
+        replace(e, gain=local_gain(terms[i] + beyond.mean(), e.gain, alone=scatter))
+        if e.gain.method == LOCAL else e
+        for i, e in enumerate(found)
+    ]  # fmt: skip
 
 
-def _promising(level: Array, minutes: Array, most: int) -> NDArray[np.int64]:
-    """Candidates with the largest tier 0, half of them for each minute, in the order given."""
-    if level.size <= most:
-        return np.arange(level.size)
-    by_gain = np.argsort(-level, kind="stable")
-    by_minute = np.argsort(-level / minutes, kind="stable")
-    ordered = np.stack([by_gain, by_minute], axis=1).ravel()
+def _promising(utilities: Sequence[Array], most: int) -> NDArray[np.int64]:
+    """Candidates with the largest of each utility in turn, in the order given."""
+    n = utilities[0].size
+    if n <= most:
+        return np.arange(n)
+    ordered = np.argsort(-np.stack(utilities, axis=1), axis=0, kind="stable").ravel()
     _, first = np.unique(ordered, return_index=True)
     return np.sort(ordered[np.sort(first)][:most])
 
