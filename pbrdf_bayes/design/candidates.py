@@ -82,26 +82,30 @@ class Candidate:
     port_deg: float = 0.0
 
     def __post_init__(self) -> None:
-        where = f"candidate {self.quantity} {self.polarization} {self.theta_i_deg:g} deg"
-        _one_of(where, "quantity", self.quantity, QUANTITIES)
-        _one_of(where, "polarization", self.polarization, POLARIZATIONS)
-        _within(where, "theta_i_deg", self.theta_i_deg, 0.0, MAX_THETA_I_DEG)
-        _within(where, "minutes", self.minutes, 1e-6, 1e6)
-        if self.quantity == "brdf":
-            if not 1 <= len(self.theta_r_deg) <= MOST_READINGS:
-                n = len(self.theta_r_deg)
-                msg = f"{where}: a scan has 1 to {MOST_READINGS} readings, not {n}"
-                raise ConfigError(msg)
-            for angle in self.theta_r_deg:
-                _within(where, "theta_r_deg", angle, -90.0, 90.0)
-        elif self.theta_r_deg:
-            msg = f"{where}: theta_r_deg belongs to scans. Leave it out"
-            raise ConfigError(msg)
+        faults = [
+            *_one_of("quantity", self.quantity, QUANTITIES),
+            *_one_of("polarization", self.polarization, POLARIZATIONS),
+            *_within("theta_i_deg", self.theta_i_deg, 0.0, MAX_THETA_I_DEG),
+            *_within("minutes", self.minutes, 1e-6, 1e6),
+            *(self._faults_of_scan() if self.quantity == "brdf" else ()),
+        ]
+        if self.quantity in ("dhr", "ddr") and self.theta_r_deg:
+            faults.append("theta_r_deg belongs to scans. Leave it out")
         if self.quantity == "ddr":
-            _within(where, "port_deg", self.port_deg, *PORT_RANGE_DEG)
-        elif self.port_deg:
-            msg = f"{where}: port_deg belongs to DDR. Leave it out"
+            faults += _within("port_deg", self.port_deg, *PORT_RANGE_DEG)
+        elif self.quantity in QUANTITIES and self.port_deg:
+            faults.append("port_deg belongs to DDR. Leave it out")
+        if faults:
+            where = f"candidate {self.quantity} {self.polarization} {self.theta_i_deg:g} deg"
+            msg = f"{where}: {'; '.join(faults)}"
             raise ConfigError(msg)
+
+    def _faults_of_scan(self) -> list[str]:
+        n = len(self.theta_r_deg)
+        if not 1 <= n <= MOST_READINGS:
+            return [f"a scan has 1 to {MOST_READINGS} readings, not {n}"]
+        each = (_within("theta_r_deg", angle, -90.0, 90.0) for angle in self.theta_r_deg)
+        return next((found for found in each if found), [])
 
     @property
     def geometry(self) -> tuple[int, ...]:
@@ -304,13 +308,13 @@ def _near(one_deg: float, other_deg: float) -> bool:
     return round(1e6 * abs(one_deg - other_deg)) < round(1e6 * ALIKE_DEG)
 
 
-def _one_of(where: str, key: str, value: str, allowed: Sequence[str]) -> None:
-    if value not in allowed:
-        msg = f"{where}: {key} = {value!r} is not known. Allowed: {', '.join(allowed)}"
-        raise ConfigError(msg)
+def _one_of(key: str, value: str, allowed: Sequence[str]) -> list[str]:
+    if value in allowed:
+        return []
+    return [f"{key} = {value!r} is not known. Allowed: {', '.join(allowed)}"]
 
 
-def _within(where: str, key: str, value: float, low: float, high: float) -> None:
-    if not low <= value <= high:
-        msg = f"{where}: {key} = {value!r} is not allowed: give a number in [{low:g}, {high:g}]"
-        raise ConfigError(msg)
+def _within(key: str, value: float, low: float, high: float) -> list[str]:
+    if low <= value <= high:
+        return []
+    return [f"{key} = {value!r} is not allowed: give a number in [{low:g}, {high:g}]"]

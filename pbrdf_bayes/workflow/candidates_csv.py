@@ -24,10 +24,13 @@ from pbrdf_bayes.io.problems import Problem, Problems, compose_message, show_cel
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.scenes import spaced
 
+Fault = tuple[str, str]
+"""A column, empty for the row as a whole, and what is wrong there."""
 KINDS = {"scan": "brdf", "dhr": "dhr", "ddr": "ddr"}
 """Kinds of measurement as the command line has them, and the quantity that each gives."""
 _REQUIRED = ("quantity", "polarization", "theta_i_deg")
 _RANGE = ("theta_r_lo_deg", "theta_r_hi_deg", "theta_r_step_deg")
+_NO_RANGE = dict.fromkeys(_RANGE, "")
 _OPTIONAL = (*_RANGE, "port_deg", "minutes")
 _OF_PLAN = ("order", "readings", "cumulative_minutes", "expected_gain_nats")
 """Columns of a measurement plan beyond these: a plan can be given back as candidates."""
@@ -175,25 +178,24 @@ def read_candidates(
     table = open_table(path, read_bytes(path), problems)
     _check_header(path, table.header)
     found: list[Candidate] = []
-    n_readings = 0
+    n_rows = n_readings = 0
     known: dict[tuple[float, ...], tuple[float, ...]] = {}
     for chunk in table.chunks:
-        beyond = _MOST_CANDIDATES - len(found) - problems.n
+        beyond = _MOST_CANDIDATES - n_rows
         if len(chunk.line) > beyond:
             where = f"line {chunk.line[beyond]}: " if beyond >= 0 else ""
             refuse(path, f"{where}more than {_MOST_CANDIDATES} rows (allowed: up to that). "
                          "Give fewer.")  # fmt: skip
         for line, cells in zip(chunk.line.tolist(), zip(*chunk.columns, strict=True), strict=True):
             row = {name: cell.strip() for name, cell in zip(table.header, cells, strict=True)}
-            try:
-                one = _candidate(row, scan, costs, port_deg)
+            one, faults = _read_row(row, scan, costs, port_deg)
+            n_rows += 1
+            for column, text in faults:
+                problems.add(Problem(line, column, text))
+            if one is not None:
                 same = known.setdefault(one.theta_r_deg, one.theta_r_deg)  # kept once in memory
                 found.append(replace(one, theta_r_deg=same) if same is not one.theta_r_deg else one)
                 n_readings += one.n_readings
-            except _CellError as wrong:
-                problems.add(Problem(line, wrong.column, str(wrong)))
-            except ConfigError as error:
-                problems.add(Problem(line, "", f"{error}."))
             if n_readings > _MOST_READINGS_IN_ALL:
                 refuse(path, f"line {line}: the scans have more than {_MOST_READINGS_IN_ALL} "
                              "readings in all (allowed: up to that). Give fewer rows, or larger "
@@ -206,11 +208,29 @@ def read_candidates(
 
 
 class _CellError(Exception):
-    """A cell that is not usable."""
+    """Cells that are not usable, and what is read instead to find what else is wrong."""
 
-    def __init__(self, column: str, text: str) -> None:
-        super().__init__(text)
-        self.column = column
+    def __init__(self, faults: Sequence[Fault], instead: Mapping[str, str]) -> None:
+        super().__init__()
+        self.faults, self.instead = faults, instead
+
+
+def _read_row(
+    row: Mapping[str, str], scan: Sequence[float], costs: Costs, port_deg: float
+) -> tuple[Candidate | None, list[Fault]]:
+    """The candidate of a row, or everything that is wrong with it."""
+    faults: list[Fault] = []
+    while True:
+        try:
+            one = _candidate(row, scan, costs, port_deg)
+        except _CellError as wrong:
+            faults += wrong.faults
+            row = {**row, **wrong.instead}
+        except ConfigError as error:
+            of_cells = str(error).partition(": ")[2] if faults else str(error)
+            return None, [*faults, ("", f"{of_cells}.")]
+        else:
+            return (None if faults else one), faults
 
 
 def _check_header(path: Path, header: Sequence[str]) -> None:
@@ -234,9 +254,8 @@ def _candidate(
     angles = tuple(scan) if quantity == "brdf" else ()
     if any(row.get(name) for name in _RANGE):
         if quantity != "brdf":
-            raise _CellError(
-                _RANGE[0], f"belongs to scans, and this is a {quantity}. Leave it empty."
-            )
+            text = f"belongs to scans, and this is a {quantity}. Leave it empty."
+            raise _CellError([(_RANGE[0], text)], _NO_RANGE)
         angles = _range(row)
     port = port_deg if quantity == "ddr" else 0.0
     if row.get("port_deg"):
@@ -253,15 +272,21 @@ def _candidate(
 
 
 def _range(row: Mapping[str, str]) -> tuple[float, ...]:
+    faults: list[Fault] = []
     for name in _RANGE:
         if not row.get(name):
-            raise _CellError(name, f"empty. Give all of {', '.join(_RANGE)}, or none of them.")
-    low, high, step = (_number(row, name) for name in _RANGE)
+            faults.append((name, f"empty. Give all of {', '.join(_RANGE)}, or none of them."))
+        elif not math.isfinite(_float(row[name])):
+            faults.append((name, _no_number(row[name])))
+    if faults:
+        raise _CellError(faults, _NO_RANGE)
+    low, high, step = (_float(row[name]) for name in _RANGE)
     try:
         return tuple(spaced(f"{low}:{high}:{step}", most=MOST_READINGS))
     except ValueError:
         text = f"{low:g} to {high:g} by {step:g} is no scan of up to {MOST_READINGS} readings. "
-        raise _CellError(_RANGE[0], text + "Give lo <= hi and a step above 0.") from None
+        fault = _RANGE[0], text + "Give lo <= hi and a step above 0."
+        raise _CellError([fault], _NO_RANGE) from None
 
 
 def _word(row: Mapping[str, str], name: str, allowed: Sequence[str]) -> str:
@@ -269,17 +294,31 @@ def _word(row: Mapping[str, str], name: str, allowed: Sequence[str]) -> str:
     if cell not in allowed:
         meant = KINDS.get(cell)
         hint = f" Did you mean {meant!r}?" if meant in allowed else did_you_mean(cell, allowed)
-        raise _CellError(
-            name, f"{show_cell(cell)} is not known.{hint} Allowed: {', '.join(allowed)}."
-        )
+        text = f"{show_cell(cell)} is not known.{hint} Allowed: {', '.join(allowed)}."
+        raise _CellError([(name, text)], {name: allowed[0]} if name != "quantity" else _usable(row))
     return cell
 
 
+def _usable(row: Mapping[str, str]) -> dict[str, str]:
+    """A quantity to which what else is in the row may belong."""
+    if any(row.get(name) for name in _RANGE):
+        return {"quantity": "brdf"}
+    return {"quantity": "ddr" if row.get("port_deg") else "dhr"}
+
+
 def _number(row: Mapping[str, str], name: str) -> float:
-    try:
-        value = float(row[name])
-    except ValueError:
-        value = math.nan
+    value = _float(row[name])
     if not math.isfinite(value):
-        raise _CellError(name, f"{show_cell(row[name])} is not a number. Give one, e.g. 55.")
+        raise _CellError([(name, _no_number(row[name]))], {name: "1"})
     return value
+
+
+def _float(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return math.nan
+
+
+def _no_number(cell: str) -> str:
+    return f"{show_cell(cell)} is not a number. Give one, e.g. 55."

@@ -71,6 +71,28 @@ def test_all_problems_are_told_at_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("row", "n", "words"),
+    [
+        ("scan,x,abc,-40,no,,,", 5, ["column quantity", "column polarization", "column theta_i_deg",
+                                     "'no' is not a number", "column theta_r_step_deg: empty"]),
+        ("dhr,x,95,,,,,", 2, ["column polarization", "theta_i_deg = 95.0"]),
+        ("dhr,p,95,,,,,0", 1, ["theta_i_deg = 95.0", "minutes = 0.0"]),
+        ("ddr,p,no,,,,80,", 2, ["column theta_i_deg", "port_deg = 80.0"]),
+    ],
+)  # fmt: skip
+def test_all_that_is_wrong_in_a_row_is_told(
+    tmp_path: Path, row: str, n: int, words: list[str]
+) -> None:
+    """And nothing that only follows from it, as a dhr with a range where a scan was meant."""
+    with pytest.raises(DataError) as caught:
+        read(tmp_path, HEADER + row + "\n")
+    text = str(caught.value)
+    assert f"{n} problem" in text
+    assert [word for word in words if word not in text] == []
+    assert "belongs to" not in text
+
+
+@pytest.mark.parametrize(
     ("text", "words"),
     [
         ("quantity,polarisation,theta_i_deg\ndhr,p,5\n", ["'polarisation' is not known", "Did you mean 'polarization'?"]),
