@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.design.batches import Batch, Pairs, best_pair, greedy_batch
 from pbrdf_bayes.design.beliefs import Beliefs
 from pbrdf_bayes.design.candidates import Candidate, was_measured
@@ -137,6 +138,10 @@ class DesignResult:
         Of each goal.
     about : tuple of str
     choices : DesignChoices
+    config : RunConfig
+        Of the beliefs: what is assumed of the instrument.
+    scans_of_prior : bool
+        `Beliefs.scans_of_prior`.
     """
 
     evaluated: tuple[Evaluated, ...]
@@ -154,6 +159,8 @@ class DesignResult:
     goals: tuple[GoalRanking, ...]
     about: tuple[str, ...]
     choices: DesignChoices
+    config: RunConfig
+    scans_of_prior: bool
 
 
 def design_measurements(
@@ -244,6 +251,8 @@ def design_measurements(
         ),
         about=beliefs.about,
         choices=wanted,
+        config=beliefs.posterior.config,
+        scans_of_prior=beliefs.scans_of_prior,
     )  # fmt: skip
 
 

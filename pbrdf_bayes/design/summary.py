@@ -57,6 +57,11 @@ def summarise_design(result: DesignResult, run: Mapping[str, Any] | None) -> dic
             "minutes": _or_none(choices.minutes),
         },
         "p_best_readings": result.by_gain.n_readings,
+        "instrument": {
+            "noise": result.config.noise, "brdf_scale": result.config.brdf_scale,
+            "u_brdf_cal": result.config.u_brdf_cal, "u_dhr_cal": result.config.u_dhr_cal,
+            "scans_of_prior": result.scans_of_prior,
+        },
         "seed": choices.seed,
     }  # fmt: skip
     if result.pairs is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import groupby
+from math import floor, log10
 from typing import Any
 
 from pbrdf_bayes.design.nested import LOCAL, WIDE
@@ -16,9 +17,11 @@ WORTH_NATS = 0.05
 WIDE_NATS = 0.2
 """Bracket of the estimator from which on it is told instead of the standard error [nat]."""
 LOCAL_WORDS = "local normal approximation"
+NOT_READ = "fit does not read DDR yet"
 _CLEAR = 2.0
 _CLOSE = 0.7
 _MOST_GROUPS = 3
+_MOST_PLACES = 4
 _MOST_GOALS = 3
 
 
@@ -110,10 +113,27 @@ def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _nats(value: float) -> str:
-    """A gain: below 0 it is by chance of the calculation only."""
-    text = f"{max(value, 0.0):.1f}" if value >= 9.95 else f"{max(value, 0.0):.2f}"
+def _nats(value: float, se: float = 0.0) -> str:
+    """A gain to the decimals of a small error: below 0 it is by chance of the calculation only."""
+    text = f"{max(value, 0.0):.{1 if value >= 9.95 else _places(se)}f}"
     return f"+{text}" if float(text) else text
+
+
+def _places(se: float) -> int:
+    """Decimals that show an error: two, or more where it is smaller."""
+    return 2 if not 0.0 < se < 0.005 else min(-floor(log10(se)), _MOST_PLACES)
+
+
+def error(se: float) -> str:
+    """A standard error of a gain as one says it.
+
+    Examples
+    --------
+    >>> error(0.28), error(0.0043), error(0.00002), error(0.0)
+    ('0.28', '0.004', 'under 0.0001', '0.00')
+    """
+    smallest = 10.0**-_MOST_PLACES
+    return f"under {smallest:g}" if 0.0 < se < smallest else f"{se:.{_places(se)}f}"
 
 
 def _local(row: Record) -> bool:
@@ -129,9 +149,8 @@ def _gain(row: Record) -> str:
     """A gain with its error, or with its bracket where that is wide."""
     if _wide(row):
         return f"between {_nats(row['eig_low'])} and {_nats(row['eig_high'])} nat"
-    se = f"{row['eig_se']:.2f}" if row["eig_se"] >= 0.005 else "0.01"
     of = f" ({LOCAL_WORDS})" if _local(row) else ""
-    return f"{_nats(row['eig_nats'])} ± {se} nat{of}"
+    return f"{_nats(row['eig_nats'], row['eig_se'])} ± {error(row['eig_se'])} nat{of}"
 
 
 def _percent(share: float) -> str:
@@ -165,10 +184,7 @@ def _others(rows: Sequence[Record]) -> str:
         return "It is the only candidate."
     tied = [row for row in rest if row["tied"]]
     if tied:
-        groups = _groups(tied, rows)
-        more = len(groups) - _MOST_GROUPS
-        words = "; ".join(groups[:_MOST_GROUPS]) + (f"; and {more} more" if more > 0 else "")
-        return f"Not told apart from it by the calculation: {words}."
+        return f"Not told apart from it by the calculation: {_grouped(tied, rows)}."
     if _wide(best) or _wide(rest[0]):
         return f"The next best, the {rest[0]['label']}, gives less: {_gain(rest[0])}."
     share = rest[0]["eig_nats"] / best["eig_nats"]
@@ -178,6 +194,13 @@ def _others(rows: Sequence[Record]) -> str:
             f"{_percent(max(share, 0.0))} of it."
         )
     return f"The next best, the {rest[0]['label']}, gives {_percent(share)} of it."
+
+
+def _grouped(tied: Sequence[Record], rows: Sequence[Record]) -> str:
+    """Tied candidates, kind by kind; of many kinds the first."""
+    groups = _groups(tied, rows)
+    more = len(groups) - _MOST_GROUPS
+    return "; ".join(groups[:_MOST_GROUPS]) + (f"; and {more} more" if more > 0 else "")
 
 
 def _groups(tied: Sequence[Record], rows: Sequence[Record]) -> list[str]:
@@ -202,8 +225,11 @@ def _by_minute(rows: Sequence[Record]) -> str:
     best, first = rows[0], max(rows, key=lambda row: row["eig_per_minute"])
     if len(rows) == 1:
         return ""
+    tied = [row for row in rows if row["tied_per_minute"] and row is not first]
     if first is best:
-        return "It is also the best for each minute."
+        if not tied:
+            return "It is also the best for each minute."
+        return f"For each minute it is first, not told apart from: {_grouped(tied, rows)}."
     if best["tied_per_minute"]:
         return f"For each minute it is not told apart from the best, the {first['label']}."
     if not worth(first):
@@ -211,7 +237,8 @@ def _by_minute(rows: Sequence[Record]) -> str:
     share, time = first["eig_nats"] / best["eig_nats"], first["minutes"] / best["minutes"]
     return (
         f"For each minute the {first['label']} is best: {_percent(share)} of that gain in "
-        f"{_percent(time)} of the time ({minutes(first['minutes'])})."
+        f"{_percent(time)} of the time ({minutes(first['minutes'])})"
+        + (f"; not told apart from it there: {_grouped(tied, rows)}." if tied else ".")
     )
 
 
@@ -223,7 +250,7 @@ def _together(design: Record, best: Record) -> str:
     if budget is None and len(members) == 1:
         return ""
     start = "One after the other" if budget is None else f"With {minutes(budget)}"
-    labels = ", then ".join(row["label"] for row in members)
+    labels = ", then ".join(row["label"] + f" ({NOT_READ})" * is_ddr(row) for row in members)
     whole = batch | {"method": members[0].get("method")}
     words = f"{start}: {labels}: {'together ' * (len(members) > 1)}{_gain(whole)} in "
     words += f"{minutes(batch['minutes'])}."
@@ -265,7 +292,14 @@ def _for_goal(goal: Record) -> str:
     words += f", {tied} more not told apart)" if tied else ")"
     if not best["tied_per_minute"]:
         words += f" and for each minute the {first['label']}"
+        tied = sum(row["tied_per_minute"] for row in rows) - 1
+        words += f" ({tied} more not told apart)" if tied else ""
     return words
+
+
+def is_ddr(row: Record) -> bool:
+    """Whether a candidate is a DDR, whose readings are not fitted."""
+    return bool(row["quantity"] == "ddr")
 
 
 def _of_ddr(design: Record, rows: Sequence[Record]) -> str:
@@ -275,6 +309,6 @@ def _of_ddr(design: Record, rows: Sequence[Record]) -> str:
     for goal in design.get("goals", ()):
         ranked = goal["candidates"]
         advised += [ranked[0], max(ranked, key=lambda row: row["reduction_per_minute"])]
-    if any(row["quantity"] == "ddr" for row in advised):
+    if any(is_ddr(row) for row in advised):
         return "Note that fit does not take DDR readings yet."
     return ""

@@ -13,7 +13,7 @@ from pbrdf_bayes.report.figures_design import (
     minutes_picture,
     shrinkage_picture,
 )
-from pbrdf_bayes.report.numbers import count, fixed, number
+from pbrdf_bayes.report.numbers import THIN, count, fixed, number
 from pbrdf_bayes.report.page import environment
 from pbrdf_bayes.report.panel import LOOKS
 
@@ -50,7 +50,8 @@ def render_design(design: Mapping[str, Any]) -> str:
         names=list(design["sd_before"]), about=design_tables.listed(design["about"]),
         plan=design_tables.plan_rows(design["batch"]), pairs=_pairs(design),
         goals=design_tables.goal_tables(design),
-        facts=_facts(design), repeats=any(r["repeat"] for r in rows),
+        facts=_facts(design), instrument=_instrument(design),
+        repeats=any(r["repeat"] for r in rows),
         goal_pictures=goal_pictures(design.get("goals", ())),
         any_local=any(r.get("eig_method") == design_tables.LOCAL for r in rows),
         sd_local=any(r.get("sd_method") == design_tables.LOCAL for r in rows[:_SHOWN]),
@@ -80,7 +81,6 @@ def _pairs(design: Mapping[str, Any]) -> str:
     best, greedy = (
         " and ".join(row["label"] for row in pairs[key]["members"]) for key in ("best", "greedy")
     )
-    se = fixed(max(pairs["gap_se"], 0.01), 2)
     local = " (local normal approximation)" if pairs.get("method") == design_tables.LOCAL else ""
     if pairs["gap_nats"] <= 0.0:
         return (
@@ -89,9 +89,36 @@ def _pairs(design: Mapping[str, Any]) -> str:
         )
     return (
         f"Of {count(pairs['n_compared'])} pairs of the most promising candidates the best is "
-        f"{best}, {fixed(pairs['gap_nats'], 2)} ± {se} nat beyond {greedy}, which are best one "
-        f"after the other{local}."
+        f"{best}, {design_tables.with_se(pairs['gap_nats'], pairs['gap_se'])} nat beyond {greedy}, "
+        f"which are best one after the other{local}."
     )
+
+
+def _instrument(design: Mapping[str, Any]) -> dict[str, str]:
+    """What the readings are simulated with, and what is assumed of the scale of a scan."""
+    known = design.get("instrument", {})
+    words = {
+        "noise": "with noise, with the discrepancy of the model along a scan and with the gains of "
+        "the instrument",
+        "priors": "", "scale": "",
+    }  # fmt: skip
+    if known.get("noise") == "iid":
+        words["noise"] = "with independent noise and with the gains of the instrument"
+    if known.get("scans_of_prior") and design["run"] is not None:
+        words["priors"] = (
+            "No scan was fitted: noise of scans is drawn from its prior."
+            if known["noise"] == "iid"
+            else "No scan was fitted: noise and discrepancy of scans are drawn from their priors."
+        )
+    perfect = known.get("brdf_scale") == "absolute" and known.get("u_brdf_cal") == 0.0
+    if perfect and any(row["quantity"] == "brdf" for row in design["candidates"]):
+        u = known["u_dhr_cal"]
+        other = f", while a DHR has a gain of {number(100.0 * u)}{THIN}% (u_dhr_cal)" if u else ""
+        words["scale"] = (
+            "Scans have a perfect absolute scale here, as the configuration says (u_brdf_cal = 0)"
+            f"{other}."
+        )
+    return words
 
 
 def _facts(design: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -108,7 +135,7 @@ def _facts(design: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("widest bracket", f"{_bracket(widest)} ({widest['label']})"),
         ("effective draws of the best", number(best["ess"])),
         ("linear estimate of the best",
-         f"{fixed(best['linear_nats'], 2)} ± {fixed(max(best['linear_se'], 0.01), 2)} nat"),
+         f"{design_tables.with_se(best['linear_nats'], best['linear_se'])} nat"),
         ("chance to be best rests on",
          f"{count(design.get('p_best_readings', choices['n_outer']))} simulated readings"),
         ("candidates only screened by the linear estimate",

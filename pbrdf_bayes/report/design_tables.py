@@ -16,6 +16,7 @@ _BEST_FOR_GOAL = {
     "tied": "reduction", "tied_per_minute": "reduction a minute", "pareto": "reduction and minutes",
 }  # fmt: skip
 _OF_GOAL = 5
+_NOT_READ = "fit does not read DDR yet"
 LOCAL = "local"
 """Method of what is by the local normal approximation."""
 _MARK = "*"
@@ -133,12 +134,19 @@ def plan_rows(batch: Record) -> list[dict[str, str]]:
             "readings": count(row["n_readings"]),
             "minutes": number(row["minutes"]),
             "spent": number(row["cumulative_minutes"]),
-            "added": f"{fixed(row['added_nats'], 2)} ± {fixed(max(row['added_se'], 0.01), 2)}"
+            "note": _NOT_READ if row["quantity"] == "ddr" else "",
+            "added": with_se(row["added_nats"], row["added_se"])
             + _MARK * (row.get("method") == LOCAL),
             "gain": fixed(row["cumulative_nats"], 2),
         }
         for i, row in enumerate(batch["members"], start=1)
     ]
+
+
+def with_se(value: float, se: float) -> str:
+    """A gain and its error, to two decimals or to what a smaller error needs."""
+    places = max(2, decimals_of(se, digits=1) or 2)
+    return f"{fixed(value, places)} ± {fixed(se, places)}"
 
 
 def listed(words: Sequence[str]) -> str:

@@ -21,6 +21,8 @@ from pbrdf_bayes.workflow.tree import measurement_of, posterior_of
 Told = Callable[[str, int, int], None]
 
 INNER_PER_OUTER = 2
+FEWEST_DRAWS, MOST_DRAWS = 25, 50_000
+"""Simulated paints, as many as `DesignChoices` allows with so many draws compared with each."""
 _N_PRIOR_DRAWS = 4000
 
 
@@ -177,6 +179,10 @@ def choices_of(*, minutes: float, batch: int | None, draws: int, seed: int) -> D
     ------
     ConfigError
     """
+    low, high = FEWEST_DRAWS, MOST_DRAWS
+    if not (isinstance(draws, int) and low <= draws <= high):
+        msg = f"draws = {draws!r} (--draws) is not allowed: give a whole number in [{low}, {high}]"
+        raise ConfigError(msg)
     return DesignChoices(
         n_outer=draws, n_inner=INNER_PER_OUTER * draws, minutes=minutes, batch=batch, seed=seed
     )

@@ -141,6 +141,44 @@ def test_a_local_gain_is_marked_as_such(design: dict[str, Any]) -> None:
     assert "local normal" not in best_table(design)
 
 
+def test_what_is_assumed_of_the_instrument_is_told(design: dict[str, Any]) -> None:
+    """Of the scale of scans only where it is perfect, of the discrepancy only where there is one."""
+    from pbrdf_bayes.report.design_page import render_design
+
+    assert design["instrument"] == {
+        "noise": "correlated", "brdf_scale": "absolute", "u_brdf_cal": 0.0, "u_dhr_cal": 0.01,
+        "scans_of_prior": False,
+    }  # fmt: skip
+    perfect, along = "Scans have a perfect absolute scale", "discrepancy of the model along a scan"
+    page = render_design(design)
+    assert f"{perfect} here, as the configuration says (u_brdf_cal = 0), while a DHR has" in page
+    assert along in page
+    assert "No scan was fitted" not in page
+    for change in ({"u_brdf_cal": 0.02}, {"brdf_scale": "relative"}):
+        assert perfect not in render_design(design | {"instrument": design["instrument"] | change})
+    alone = {"noise": "iid", "scans_of_prior": True}
+    page = render_design(design | {"instrument": design["instrument"] | alone})
+    assert along not in page
+    assert "No scan was fitted: noise of scans are" not in page
+    assert "No scan was fitted: noise of scans is drawn from its prior." in page
+    older = {key: value for key, value in design.items() if key != "instrument"}
+    assert perfect not in render_design(older)
+
+
+def test_a_ddr_in_the_plan_and_one_candidate_alone(design: dict[str, Any]) -> None:
+    from pbrdf_bayes.report.design_page import render_design
+
+    first, *_ = design["batch"]["members"]
+    ddr = first | {"quantity": "ddr", "label": "DDR_s at 20°, port 5°"}
+    page = render_design(design | {"batch": design["batch"] | {"members": [ddr]}})
+    assert re.search(r"port 5°<div class=.what.>fit does not read DDR yet</div>", page)
+    assert "fit does not read DDR yet" not in render_design(
+        design | {"batch": design["batch"] | {"members": []}}
+    )
+    one = render_design(design | {"candidates": design["candidates"][:1], "n_evaluated": 1})
+    assert "<span>The candidate of the largest gain found. " in one
+
+
 def test_ratios_have_their_errors(design: dict[str, Any]) -> None:
     ratio = design["candidates"][0]["sd_ratio"]["n"]
     value, se = 100.0 * ratio["ratio"], 100.0 * ratio["se"]
@@ -289,7 +327,7 @@ def test_design_before_any_reading(tmp_path: Path, capsys: pytest.CaptureFixture
         (["--minutes", "0"], ["above 0"]),
         (["--scan-minutes", "x"], ["above 0"]),
         (["--batch", "0"], ["batch = 0", "[1, 20]"]),
-        (["--draws", "1"], ["n_outer = 1"]),
+        (["--draws", "5"], ["draws = 5 (--draws) is not allowed", "[25, 50000]"]),
         (["--draws", "50000"], ["draws", "--accuracy"]),
         (["--theta-i", "95"], ["theta_i_deg = 95.0", "[0, 89.95]"]),
         (["--theta-i", ""], ["no candidate"]),

@@ -103,6 +103,24 @@ def test_only_the_best_for_each_minute_is_told_to_be_it() -> None:
     assert "also the best for each minute" not in said
 
 
+def test_the_first_for_each_minute_is_not_said_to_be_best_alone() -> None:
+    others = [row("p scan", a, 0.63, tied_per_minute=True) for a in (60.0, 65.0)]
+    said = " ".join(recommend(design(BEST, *others)))
+    assert "For each minute it is first, not told apart from: p scan at 60 and 65°." in said
+    assert "also the best for each minute" not in said
+    dhr = [row("DHR_p", a, 0.45, minutes=3.0, tied_per_minute=True) for a in (75.0, 80.0)]
+    said = " ".join(recommend(design(BEST | {"tied_per_minute": False}, *dhr)))
+    assert "in 17 % of the time (3 min); not told apart from it there: DHR_p at 80°." in said
+
+
+def test_an_error_is_told_as_it_is() -> None:
+    for se, words in (
+        (0.28, "+0.64 ± 0.28 nat"), (0.006, "+0.64 ± 0.01 nat"), (0.0043, "+0.640 ± 0.004 nat"),
+        (0.00096, "+0.6400 ± 0.0010 nat"), (1e-7, "+0.6400 ± under 0.0001 nat"),
+    ):  # fmt: skip
+        assert words in " ".join(recommend(design(BEST | {"eig_se": se}))), se
+
+
 def test_nothing_is_worth_measuring() -> None:
     weak = row("p scan", 55.0, 0.02)
     said = recommend(design(weak, row("p scan", 50.0, 0.01)))
@@ -202,6 +220,15 @@ def test_a_ddr_is_recommended_with_what_fit_does_of_it() -> None:
     assert words not in recommend(design(BEST, row("DDR_p", 55.0, 0.1)))
     goals = [{"name": "DHR_p(70°)", "candidates": [goal_row("DDR_p at 70°", 0.5)]}]
     assert words in recommend(design(BEST, goals=goals))
+
+
+def test_a_step_that_is_a_ddr_says_that_fit_does_not_read_it() -> None:
+    batch = {
+        "members": [BEST, row("DDR_p", 75.0, 0.3)], "eig_nats": 0.91, "eig_se": 0.02,
+        "eig_low": 0.9, "eig_high": 0.92, "minutes": 36.0, "budget_minutes": 60.0,
+    }  # fmt: skip
+    said = " ".join(recommend(design(BEST, batch=batch)))
+    assert "p scan at 55°, then DDR_p at 75° (fit does not read DDR yet): together" in said
 
 
 def test_candidates_of_other_ranges_are_no_neighbours() -> None:
