@@ -138,6 +138,7 @@ class DesignResult:
         Of each goal.
     about : tuple of str
     choices : DesignChoices
+        With as many draws of the nuisance as were made.
     config : RunConfig
         Of the beliefs: what is assumed of the instrument.
     scans_of_prior : bool
@@ -250,7 +251,9 @@ def design_measurements(
             for name in dict.fromkeys(goal.label for goal in aims)
         ),
         about=beliefs.about,
-        choices=wanted,
+        choices=wanted if stage.nuisance is None else replace(
+            wanted, n_nuisance=stage.nuisance.log_weights.shape[1]
+        ),
         config=beliefs.posterior.config,
         scans_of_prior=beliefs.scans_of_prior,
     )  # fmt: skip

@@ -303,9 +303,9 @@ def is_ddr(row: Record) -> bool:
 
 
 def _of_ddr(design: Record, rows: Sequence[Record]) -> str:
-    """A DDR can be planned, and its readings not be fitted."""
+    """A DDR can be advised, and its readings not be fitted; steps of a plan say so themselves."""
     first = max(rows, key=lambda row: row["eig_per_minute"])
-    advised = [rows[0], first, *design["batch"]["members"]]
+    advised = [rows[0], first]
     for goal in design.get("goals", ()):
         ranked = goal["candidates"]
         advised += [ranked[0], max(ranked, key=lambda row: row["reduction_per_minute"])]
