@@ -30,9 +30,9 @@ class Ranking:
     p_best : ndarray, shape (n_candidates,)
         Chance to be the best, given the simulated readings.
     tied : ndarray of bool, shape (n_candidates,)
-        Cannot be told apart from the best: the paired difference to it is one that as many equal
-        candidates would show, with a chance of 95 % that all of these are held (2 standard errors
-        for two of them, 3.7 for 24); or brackets overlap.
+        Cannot be told apart from the best: the paired difference to it is below 2 standard errors,
+        or one that as many equal candidates would show, with a chance of 95 % that all of these
+        are held (3.7 for 24 of them); or brackets overlap.
     pareto : ndarray of bool, shape (n_candidates,)
         More than 2 standard errors above 0, and no other one gives as much in fewer minutes, or
         more in as many.
@@ -139,23 +139,24 @@ def _drawn_errors(utility: Array, moved: Array, seed: int) -> Array:
 def _not_told_apart(behind: Array, best: int, drawn: Array, covariance: Array) -> NDArray[np.bool_]:
     """Candidates no further behind the best than equal ones are behind the best of these.
 
-    The best of many equal candidates is ahead by luck: a difference to it, in its standard errors,
-    is compared with the largest one among the candidates of the set, if these are equal.
+    The best of many equal candidates is ahead by luck. Those within 2 standard errors of the
+    difference to it are a start; if they are equal, their largest difference tells how far behind
+    a further one may be; and so on, until none is added.
     """
     variance = np.diag(covariance)
     error = np.sqrt(np.maximum(variance[:, None] + variance - 2.0 * covariance, 0.0))
-    tied = np.ones(behind.size, dtype=bool)
+    limit, n_before = _CLEAR, 0
     while True:
+        tied = behind <= limit * error[best] + _ROUNDING
+        if tied.sum() == n_before:
+            return np.asarray(tied)
+        n_before = tied.sum()
         at = np.flatnonzero(tied)
         first = at[drawn[at].argmax(axis=0)]
         away = drawn[first, np.arange(first.size)] - drawn[at]
         scale = error[at[:, None], first]
         ratio = np.where(scale > _ROUNDING, away / np.maximum(scale, _ROUNDING), 0.0)
-        limit = float(np.quantile(ratio.max(axis=0), _HELD))
-        kept = tied & (behind <= limit * error[best] + _ROUNDING)
-        if kept.sum() == tied.sum():
-            return tied
-        tied = kept
+        limit = max(limit, float(np.quantile(ratio.max(axis=0), _HELD)))
 
 
 def pareto_front(gain: Array, minutes: Array) -> NDArray[np.bool_]:

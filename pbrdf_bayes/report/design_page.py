@@ -100,10 +100,16 @@ def _instrument(design: Mapping[str, Any]) -> dict[str, str]:
     words = {
         "noise": "with noise, with the discrepancy of the model along a scan and with the gains of "
         "the instrument",
+        "repeats": "What is measured at the same geometry already, or within 1° of incidence of "
+        "it, is taken into account, so that a repeat tells little where noise does not limit: that "
+        "close the discrepancy is the same.",
         "priors": "", "scale": "",
     }  # fmt: skip
     if known.get("noise") == "iid":
         words["noise"] = "with independent noise and with the gains of the instrument"
+        words["repeats"] = (
+            "Scans share nothing but the sample here: noise = iid has no discrepancy."
+        )
     if known.get("scans_of_prior") and design["run"] is not None:
         words["priors"] = (
             "No scan was fitted: noise of scans is drawn from its prior."
