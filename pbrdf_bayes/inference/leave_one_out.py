@@ -43,6 +43,8 @@ _LOST_SHARE = 0.01
 """Relative variance of the floor above which ln BRDF is not normal; such readings have no PIT."""
 _MOST_REFINED = 12
 _PROPOSALS, _COMPONENTS, _WIDER = 3000, 2, 1.25
+_BLOCK = 500
+"""Proposals at a time: all readings of each are computed, and few kept."""
 _MOST_REFINEMENTS = 8_000_000
 _LN_2PI = float(np.log(2.0 * np.pi))
 _FARTHEST = 37.0
@@ -251,12 +253,12 @@ def _refine(
     """Score readings that the draws hang on by a sample of their own, adapted to their absence."""
     z = posterior.to_coordinates(picked)
     first = fit_mixture(z, np.full(len(z), 1.0 / len(z)), _COMPONENTS, rng).widened(_WIDER)
-    shared = _propose(posterior, first, rng)
+    shared = _propose(posterior, first, at, rng)
     left = min(_MOST_REFINEMENTS // (_PROPOSALS * out.elpd.size), 3 * at.size)
-    for i in at.tolist():
+    for place, i in enumerate(at.tolist()):
         proposal, one = shared, np.array([i])
         while True:
-            away, density = _compare(proposal.found, one, censored[one], noise)
+            away, density = _compare(proposal.found, np.array([place]), censored[one], noise)
             log_weights, k_hat = smooth_weights(proposal.log_weights - density)
             if k_hat[0] < out.k_hat[i]:
                 out.k_hat[i] = k_hat[0]
@@ -267,23 +269,30 @@ def _refine(
             left -= 1
             weights = np.exp(log_weights[0])
             mixture = fit_mixture(proposal.z, weights / weights.sum(), _COMPONENTS, rng)
-            proposal = _propose(posterior, mixture, rng)
+            proposal = _propose(posterior, mixture, at, rng)
 
 
 class _Proposal(NamedTuple):
-    """Weighted draws from a mixture, and the readings there."""
+    """Weighted draws from a mixture, and the readings that are refined there."""
 
     z: Array
     log_weights: Array
     found: Conditionals
 
 
-def _propose(posterior: Posterior, mixture: Mixture, rng: np.random.Generator) -> _Proposal:
+def _propose(
+    posterior: Posterior, mixture: Mixture, at: Index, rng: np.random.Generator
+) -> _Proposal:
     z = mixture.sample(rng, _PROPOSALS)
     log_prob = posterior.log_prob_coordinates(z)
     inside = np.isfinite(log_prob)
-    found, _ = _conditionals(posterior, posterior.from_coordinates(z[inside]))
-    return _Proposal(z[inside], log_prob[inside] - mixture.log_density(z[inside]), found)
+    kept = z[inside]
+    blocks = [
+        [part[:, at] for part in _conditionals(posterior, posterior.from_coordinates(block))[0]]
+        for block in np.array_split(kept, max(1, -(-len(kept) // _BLOCK)))
+    ]
+    found = Conditionals(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
+    return _Proposal(kept, log_prob[inside] - mixture.log_density(kept), found)
 
 
 def _place(
