@@ -229,6 +229,8 @@ def _by_minute(rows: Sequence[Record]) -> str:
     if first is best:
         if not tied:
             return "It is also the best for each minute."
+        if tied == [row for row in rows if row["tied"] and row is not first]:
+            return "For each minute it is first as well, not told apart from the same."
         return f"For each minute it is first, not told apart from: {_grouped(tied, rows)}."
     if best["tied_per_minute"]:
         return f"For each minute it is not told apart from the best, the {first['label']}."

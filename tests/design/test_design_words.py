@@ -108,6 +108,10 @@ def test_the_first_for_each_minute_is_not_said_to_be_best_alone() -> None:
     said = " ".join(recommend(design(BEST, *others)))
     assert "For each minute it is first, not told apart from: p scan at 60 and 65°." in said
     assert "also the best for each minute" not in said
+    same = [one | {"tied": True} for one in others]
+    said = " ".join(recommend(design(BEST, *same)))
+    assert "it is first as well, not told apart from the same." in said
+    assert said.count("p scan at 60 and 65°") == 1
     dhr = [row("DHR_p", a, 0.45, minutes=3.0, tied_per_minute=True) for a in (75.0, 80.0)]
     said = " ".join(recommend(design(BEST | {"tied_per_minute": False}, *dhr)))
     assert "in 17 % of the time (3 min); not told apart from it there: DHR_p at 80°." in said
