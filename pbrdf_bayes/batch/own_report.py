@@ -34,7 +34,7 @@ def is_own_report(folder: Path) -> bool:
     if (folder / PDF).exists():
         return False
     with suppress(FileNotFoundError):
-        return (folder / _NOTE).read_text(encoding="ascii") == _digest(folder / REPORT)
+        return (folder / _NOTE).read_bytes() == _digest(folder / REPORT).encode()
     return True
 
 

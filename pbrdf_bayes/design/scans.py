@@ -252,15 +252,9 @@ def scan_log_likelihoods(
     kernel = matched_log_likelihoods if matched else pair_log_likelihoods
     every = np.ones(planned.new.size, dtype=bool)
     found = kernel(
-        y,
-        planned.theta_r_deg,
-        planned.scan,
-        *law.of(every),
-        sets.tau,
-        sets.ell_deg,
-        beliefs.rough,
-        u_cal2,
-    )
+        y, planned.theta_r_deg, planned.scan, *law.of(every), sets.tau, sets.ell_deg,
+        beliefs.rough, u_cal2,
+    )  # fmt: skip
     old = ~planned.new
     if old.any():
         alone = pair_log_likelihoods(

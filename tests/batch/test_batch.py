@@ -33,6 +33,7 @@ from pbrdf_bayes.batch.at_work import AtWork, forget, look, stage_writer
 from pbrdf_bayes.batch.executors import Crew
 from pbrdf_bayes.batch.index import harmless, write_index
 from pbrdf_bayes.batch.outcome import failed_row, finished_row
+from pbrdf_bayes.batch.own_report import is_own_report, note_report
 from pbrdf_bayes.batch.plan import Job, in_order, plan_batch
 from pbrdf_bayes.batch.progress import Progress
 from pbrdf_bayes.batch.terminal import sample_line, teller
@@ -355,6 +356,15 @@ def test_a_report_that_was_issued_since_is_kept(
     assert row["conformity"] == before[0]["conformity"]
     laboratory = "Moved" if how == "pdf" else "Laboratory &lt;1&gt;"
     assert laboratory in (run / "report.html").read_text("utf-8")
+
+
+def test_a_damaged_note_protects_the_report(tmp_path):
+    (tmp_path / "report.html").write_text("made by the batch")
+    assert is_own_report(tmp_path)
+    note_report(tmp_path)
+    assert is_own_report(tmp_path)
+    (tmp_path / ".batch_report").write_bytes(b"\xff\x00")
+    assert not is_own_report(tmp_path)
 
 
 def test_a_link_out_of_the_folder_is_refused(tmp_path, quick, capsys, signals_as_before):
