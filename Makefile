@@ -70,8 +70,8 @@ test: ## the whole suite
 
 validate: ## simulated studies of ranks, coverage and designs (an hour); writes reports/calibration and design_loop
 	$(call environment,)
-	@"$(ENV_PYTHON)" -m pbrdf_bayes.validation
-	@"$(ENV_PYTHON)" -m pbrdf_bayes.validation.design_loop
+	@"$(ENV_PYTHON)" -m tools.validation
+	@"$(ENV_PYTHON)" -m tools.validation.design_loop
 
 lint: ## ruff, its formatter and mypy --strict, changing nothing
 	$(call environment,dev)

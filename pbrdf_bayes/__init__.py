@@ -11,10 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pbrdf_bayes.batch.run import fit_batch
     from pbrdf_bayes.config import RunConfig
-    from pbrdf_bayes.data_checks import check_measurement
     from pbrdf_bayes.design.candidates import Candidate, Costs
-    from pbrdf_bayes.diffuse_directional import ddr
-    from pbrdf_bayes.effects import Effects
     from pbrdf_bayes.errors import (
         ClusterError,
         ConfigError,
@@ -31,19 +28,28 @@ if TYPE_CHECKING:
     from pbrdf_bayes.io.run_folder import load_analysis
     from pbrdf_bayes.io.tidy_csv import read_measurement, write_tidy_csv
     from pbrdf_bayes.measurement import Measurement
-    from pbrdf_bayes.model import Parameters, brdf, dhr, normalisation_error, reciprocity_ratio
-    from pbrdf_bayes.polarimetry import (
+    from pbrdf_bayes.model.diffuse_directional import ddr
+    from pbrdf_bayes.model.effects import Effects
+    from pbrdf_bayes.model.four_parameter import (
+        Parameters,
+        brdf,
+        dhr,
+        normalisation_error,
+        reciprocity_ratio,
+    )
+    from pbrdf_bayes.model.polarimetry import (
         angle_of_linear_polarization_deg,
         degree_of_linear_polarization,
         mueller,
         stokes,
     )
-    from pbrdf_bayes.reciprocity import reciprocal_brdf, reciprocity_defect
+    from pbrdf_bayes.model.reciprocity import reciprocal_brdf, reciprocity_defect
+    from pbrdf_bayes.model.simulate import GREEN_PAINT, simulate_measurement
+    from pbrdf_bayes.readings.checks import check_measurement
     from pbrdf_bayes.report.page import render_report
     from pbrdf_bayes.results import Analysis
-    from pbrdf_bayes.scene_prediction import predict_scene
+    from pbrdf_bayes.scene.prediction import predict_scene
     from pbrdf_bayes.scenes import Scene
-    from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
     from pbrdf_bayes.workflow.assessment import assess_conformity
     from pbrdf_bayes.workflow.fitting import fit
     from pbrdf_bayes.workflow.next_measurement import design_next
@@ -60,41 +66,41 @@ _HOME = {
     "Costs": "design.candidates",
     "DataError": "errors",
     "DomainError": "errors",
-    "Effects": "effects",
+    "Effects": "model.effects",
     "FitError": "errors",
-    "GREEN_PAINT": "simulate",
+    "GREEN_PAINT": "model.simulate",
     "Measurement": "measurement",
-    "Parameters": "model",
+    "Parameters": "model.four_parameter",
     "PbrdfError": "errors",
     "Posterior": "inference.posterior",
     "RunConfig": "config",
     "RunFolderError": "errors",
     "Scene": "scenes",
-    "angle_of_linear_polarization_deg": "polarimetry",
+    "angle_of_linear_polarization_deg": "model.polarimetry",
     "assess_conformity": "workflow.assessment",
-    "brdf": "model",
+    "brdf": "model.four_parameter",
     "build_posterior": "inference.posterior",
-    "check_measurement": "data_checks",
-    "ddr": "diffuse_directional",
-    "degree_of_linear_polarization": "polarimetry",
+    "check_measurement": "readings.checks",
+    "ddr": "model.diffuse_directional",
+    "degree_of_linear_polarization": "model.polarimetry",
     "design_next": "workflow.next_measurement",
-    "dhr": "model",
+    "dhr": "model.four_parameter",
     "fit": "workflow.fitting",
     "fit_batch": "batch.run",
     "load_analysis": "io.run_folder",
-    "mueller": "polarimetry",
-    "normalisation_error": "model",
-    "predict_scene": "scene_prediction",
+    "mueller": "model.polarimetry",
+    "normalisation_error": "model.four_parameter",
+    "predict_scene": "scene.prediction",
     "predict_spectral_scene": "workflow.spectral_scene",
     "read_document": "io.document_toml",
     "read_limits": "io.limits_toml",
     "read_measurement": "io.tidy_csv",
-    "reciprocal_brdf": "reciprocity",
-    "reciprocity_defect": "reciprocity",
-    "reciprocity_ratio": "model",
+    "reciprocal_brdf": "model.reciprocity",
+    "reciprocity_defect": "model.reciprocity",
+    "reciprocity_ratio": "model.four_parameter",
     "render_report": "report.page",
-    "simulate_measurement": "simulate",
-    "stokes": "polarimetry",
+    "simulate_measurement": "model.simulate",
+    "stokes": "model.polarimetry",
     "write_tidy_csv": "io.tidy_csv",
 }
 

@@ -154,7 +154,7 @@ class Limit:
 
 @dataclass(frozen=True, kw_only=True)
 class DecisionRule:
-    """How a verdict follows from a posterior; see `pbrdf_bayes.inference.conformity`.
+    """How a verdict follows from a posterior; see `pbrdf_bayes.conform.conformity`.
 
     Attributes
     ----------

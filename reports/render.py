@@ -14,8 +14,8 @@ from runpy import run_path
 from typing import Any
 
 from pbrdf_bayes.bench.page import render_page as render_bench
-from pbrdf_bayes.validation.loop_page import render_loop
-from pbrdf_bayes.validation.page import render_page as render_studies
+from tools.validation.loop_page import render_loop
+from tools.validation.page import render_page as render_studies
 
 HERE = Path(__file__).parent
 

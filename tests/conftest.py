@@ -16,9 +16,12 @@ import numpy as np
 import pytest
 
 import pbrdf_bayes as pb
-from pbrdf_bayes.compile_ahead import WITH_EFFECTS, compile_ahead
 from pbrdf_bayes.io.print_pdf import BROWSERS
+from pbrdf_bayes.workflow.compile_ahead import WITH_EFFECTS, compile_ahead
 from pbrdf_bayes.workflow.fitting import fit_file
+from tests.laws import green, make_law, make_measurement, small, small_posterior
+
+__all__ = ["green", "make_law", "make_measurement", "small", "small_posterior"]
 
 collect_ignore = ["reference/generate_shaped.py"]  # a script: imports the one beside it
 

@@ -13,8 +13,8 @@ from pbrdf_bayes.measurement import (
     name_half_plane,
     select_scans,
 )
-from pbrdf_bayes.model import brdf
-from pbrdf_bayes.simulate import GREEN_PAINT
+from pbrdf_bayes.model.four_parameter import brdf
+from pbrdf_bayes.model.simulate import GREEN_PAINT
 
 COLUMNS = ("quantity", "polarization", "theta_i_deg", "theta_r_deg", "value", "phi_r_deg", "scan")
 ROWS = [

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from pbrdf_bayes import __version__
+from pbrdf_bayes.batch.between_samples import infer_spread
+from pbrdf_bayes.batch.control_chart import draw_limits
 from pbrdf_bayes.batch.outcome import FAILED, RISKS
+from pbrdf_bayes.batch.trend import infer_trend
 from pbrdf_bayes.errors import DataError
-from pbrdf_bayes.inference.between_samples import infer_spread
-from pbrdf_bayes.inference.control_chart import draw_limits
-from pbrdf_bayes.inference.trend import infer_trend
 from pbrdf_bayes.io.formulas import guard
 from pbrdf_bayes.io.problems import printable
 from pbrdf_bayes.io.run_folder import finite_only, write_text

@@ -20,14 +20,14 @@ from pbrdf_bayes.batch.plan import Job, plan_batch
 from pbrdf_bayes.batch.progress import Progress, estimate_left
 from pbrdf_bayes.batch.shared_folder import SHARE, leave_mark, remove_mark, sees_run
 from pbrdf_bayes.batch.work import Task, finished_before
-from pbrdf_bayes.compile_ahead import compile_ahead, likelihood_to_compile
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.document import Document, refuse_shared_items
 from pbrdf_bayes.errors import ClusterError, ConfigError, PbrdfError
-from pbrdf_bayes.inference.effect_parameters import before_choice
+from pbrdf_bayes.inference.parameters.effects import before_choice
 from pbrdf_bayes.inference.posterior import build_posterior
 from pbrdf_bayes.io.run_folder import locked, refuse_other_content
 from pbrdf_bayes.specification import Specification
+from pbrdf_bayes.workflow.compile_ahead import compile_ahead, likelihood_to_compile
 from pbrdf_bayes.workflow.fitting import DEFAULT_SEED
 from pbrdf_bayes.workflow.paperwork import Paperwork
 

@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.bench.normalisation import node_counts, surface_of
 from pbrdf_bayes.inference.posterior import Posterior
-from pbrdf_bayes.model import Parameters
+from pbrdf_bayes.model.four_parameter import Parameters
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.elementary import log
 from pbrdf_bayes.physics.fresnel import lobes, surface
-from pbrdf_bayes.physics.normalisation import Incidence, workspace
+from pbrdf_bayes.physics.normalisation.plain import Incidence, workspace
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

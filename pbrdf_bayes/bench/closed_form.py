@@ -21,7 +21,7 @@ import numpy as np
 
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.fresnel import Surface, lobes, reflectances, transmittances
-from pbrdf_bayes.physics.normalisation import Incidence
+from pbrdf_bayes.physics.normalisation.plain import Incidence
 
 _HALF_NODES, _HALF_WEIGHTS = np.polynomial.legendre.leggauss(4)
 _NODES, _WEIGHTS = 0.5 * (1.0 + _HALF_NODES), 0.5 * _HALF_WEIGHTS

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.bench.speed import paper_posterior
-from pbrdf_bayes.inference.importance import adapt_mixture, importance_sample
-from pbrdf_bayes.inference.laplace import laplace_mixture
-from pbrdf_bayes.inference.map_fit import find_map
-from pbrdf_bayes.inference.mixture import Mixture
+from pbrdf_bayes.inference.optimum.laplace import laplace_mixture
+from pbrdf_bayes.inference.optimum.map_fit import find_map
 from pbrdf_bayes.inference.posterior import Posterior
-from pbrdf_bayes.inference.sampling import sample_posterior
+from pbrdf_bayes.inference.sampling.importance import adapt_mixture, importance_sample
+from pbrdf_bayes.inference.sampling.mixture import Mixture
+from pbrdf_bayes.inference.sampling.sampling import sample_posterior
 
 Array = NDArray[np.float64]
 

@@ -15,10 +15,10 @@ from scipy.integrate import IntegrationWarning, dblquad
 
 from pbrdf_bayes.bench.closed_form import closed_form, few_terms
 from pbrdf_bayes.bench.timing import time_in_turns
-from pbrdf_bayes.model import Parameters
+from pbrdf_bayes.model.four_parameter import Parameters
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.fresnel import Surface, lobes, surface
-from pbrdf_bayes.physics.normalisation import (
+from pbrdf_bayes.physics.normalisation.plain import (
     Incidence,
     Workspace,
     incidence,
@@ -26,7 +26,7 @@ from pbrdf_bayes.physics.normalisation import (
     place_nodes,
     workspace,
 )
-from pbrdf_bayes.physics.quadrature import expansion_order
+from pbrdf_bayes.physics.normalisation.quadrature import expansion_order
 
 Array = NDArray[np.float64]
 

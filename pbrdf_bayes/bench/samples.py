@@ -14,12 +14,12 @@ from threadpoolctl import threadpool_limits
 
 from pbrdf_bayes.bench.timing import straight_line
 from pbrdf_bayes.config import RunConfig
-from pbrdf_bayes.inference.laplace import laplace_mixture
-from pbrdf_bayes.inference.map_fit import find_map
+from pbrdf_bayes.inference.optimum.laplace import laplace_mixture
+from pbrdf_bayes.inference.optimum.map_fit import find_map
 from pbrdf_bayes.inference.posterior import build_posterior
-from pbrdf_bayes.inference.sampling import sample_posterior
+from pbrdf_bayes.inference.sampling.sampling import sample_posterior
 from pbrdf_bayes.measurement import Measurement
-from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
+from pbrdf_bayes.model.simulate import GREEN_PAINT, simulate_measurement
 
 WORKERS = 2
 _CONFIG = RunConfig(accuracy="draft", threads=1)

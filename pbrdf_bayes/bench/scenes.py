@@ -10,11 +10,11 @@ import numpy as np
 
 from pbrdf_bayes.bench.speed import RTOL_DIGITS, paper_posterior, parameter_sets
 from pbrdf_bayes.bench.timing import time_in_turns
-from pbrdf_bayes.model import DOMAIN
+from pbrdf_bayes.model.four_parameter import DOMAIN
+from pbrdf_bayes.model.simulate import GREEN_PAINT
 from pbrdf_bayes.physics.reciprocal import solve_scale
-from pbrdf_bayes.scene_prediction import DrawnModel, compute_scene
+from pbrdf_bayes.scene.prediction import DrawnModel, compute_scene
 from pbrdf_bayes.scenes import Scene
-from pbrdf_bayes.simulate import GREEN_PAINT
 
 _N_DRAWS = 64
 _THETA_I = (20.0, 60.0)

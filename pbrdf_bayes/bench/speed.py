@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from pbrdf_bayes.bench.baselines import Floor, PlainLikelihood
 from pbrdf_bayes.bench.timing import straight_line, time_in_turns
 from pbrdf_bayes.config import EFFECTS, FRESNEL_AT, LINE_SHAPES, RunConfig
-from pbrdf_bayes.inference.likelihood import iid_log_likelihood
+from pbrdf_bayes.inference.likelihood.iid import iid_log_likelihood
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
 from pbrdf_bayes.measurement import Measurement, select_scans
+from pbrdf_bayes.model.simulate import GREEN_PAINT, simulate_measurement
 from pbrdf_bayes.physics.given import NOTHING_GIVEN
-from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
 
 Array = NDArray[np.float64]
 

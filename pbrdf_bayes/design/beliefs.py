@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.design.candidates import Candidate
 from pbrdf_bayes.errors import ConfigError
-from pbrdf_bayes.inference.parameters import DISCREPANCY, PHYSICAL, parameter_specs
+from pbrdf_bayes.inference.parameters.priors import NOISE_PRIORS
+from pbrdf_bayes.inference.parameters.table import DISCREPANCY, PHYSICAL, parameter_specs
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
-from pbrdf_bayes.inference.priors import NOISE_PRIORS
 from pbrdf_bayes.measurement import Measurement, measurement_from_columns
 
 Array = NDArray[np.float64]

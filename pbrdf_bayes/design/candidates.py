@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pbrdf_bayes.diffuse_directional import PORT_RANGE_DEG
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.measurement import Measurement, Scan
-from pbrdf_bayes.model import MAX_THETA_I_DEG
+from pbrdf_bayes.model.diffuse_directional import PORT_RANGE_DEG
+from pbrdf_bayes.model.four_parameter import MAX_THETA_I_DEG
 
 QUANTITIES = ("brdf", "dhr", "ddr")
 POLARIZATIONS = ("s", "p", "u")

@@ -15,7 +15,7 @@ from pbrdf_bayes.design.hemispherical import hemispherical_values, of_sample
 from pbrdf_bayes.design.scans import scan_geometry
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.inference.posterior import Posterior
-from pbrdf_bayes.model import MAX_THETA_I_DEG
+from pbrdf_bayes.model.four_parameter import MAX_THETA_I_DEG
 
 Array = NDArray[np.float64]
 

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.design.beliefs import Beliefs, DrawnSets
 from pbrdf_bayes.design.candidates import Candidate
-from pbrdf_bayes.diffuse_directional import port_light
-from pbrdf_bayes.effects import INSTRUMENT_FIELDS
 from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.model.diffuse_directional import port_light
+from pbrdf_bayes.model.effects import INSTRUMENT_FIELDS
 from pbrdf_bayes.physics.geometry import prepare_geometry
 from pbrdf_bayes.physics.scene import NULL
 

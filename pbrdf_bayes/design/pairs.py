@@ -4,7 +4,7 @@ For set m the reading at the row a of scan j is
 
     y_a = mean_ma + h_ma (c_j + d(theta_a)) + N(0, v_ma),   c_j ~ N(0, u_cal^2),
 
-d the Matérn process of `pbrdf_bayes.inference.matern` with amplitude tau_m and length ell_m. The
+d the Matérn process of `inference.likelihood.matern` with amplitude tau_m and length ell_m. The
 gains of the Kalman filter depend on the set alone: they are computed once and serve all simulated
 scans, whose innovations run side by side. Gains c of the scans are integrated out by their
 regression on the innovations of their indicators.

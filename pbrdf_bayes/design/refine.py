@@ -34,8 +34,8 @@ from pbrdf_bayes.design.hemispherical import (
 from pbrdf_bayes.design.nested import REFINED, Gain, bracket
 from pbrdf_bayes.design.peaks import peak_of
 from pbrdf_bayes.design.scans import draw_scans, law_of_rows, plan_scan, scan_log_likelihoods
-from pbrdf_bayes.inference.importance import effective_size, tempered_weights
-from pbrdf_bayes.inference.mixture import Mixture, fit_mixture
+from pbrdf_bayes.inference.sampling.importance import effective_size, tempered_weights
+from pbrdf_bayes.inference.sampling.mixture import Mixture, fit_mixture
 
 Array = NDArray[np.float64]
 Density = Callable[[Array], tuple[Array, Array]]

@@ -10,26 +10,26 @@ from numpy.typing import ArrayLike, NDArray
 
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.errors import ConfigError, DataError
-from pbrdf_bayes.inference.correlated_likelihood import (
+from pbrdf_bayes.inference.likelihood.correlated import (
     Discrepancy,
     correlated_gradient,
     correlated_log_likelihood,
     prepare_discrepancy,
 )
-from pbrdf_bayes.inference.effect_parameters import build_scene
-from pbrdf_bayes.inference.filtered_likelihood import (
+from pbrdf_bayes.inference.likelihood.filtered import (
     Filtered,
     filtered_gradient,
     filtered_log_likelihood,
     prepare_filtered,
 )
-from pbrdf_bayes.inference.likelihood import iid_gradient, iid_log_likelihood
-from pbrdf_bayes.inference.parameter_spec import ParameterSpec
-from pbrdf_bayes.inference.parameters import parameter_specs
-from pbrdf_bayes.inference.prior_density import PriorTable, tabulate
-from pbrdf_bayes.inference.rows import RELATIVE_SCALE, Rows, prepare_rows
+from pbrdf_bayes.inference.likelihood.iid import iid_gradient, iid_log_likelihood
+from pbrdf_bayes.inference.likelihood.rows import RELATIVE_SCALE, Rows, prepare_rows
+from pbrdf_bayes.inference.parameters.effects import build_scene
+from pbrdf_bayes.inference.parameters.prior_density import PriorTable, tabulate
+from pbrdf_bayes.inference.parameters.spec import ParameterSpec
+from pbrdf_bayes.inference.parameters.table import parameter_specs
 from pbrdf_bayes.measurement import Measurement
-from pbrdf_bayes.model import digits_of
+from pbrdf_bayes.model.four_parameter import digits_of
 from pbrdf_bayes.physics.brdf import evaluate
 from pbrdf_bayes.physics.geometry import Geometry, prepare_geometry
 from pbrdf_bayes.physics.given import NOTHING_GIVEN, Given

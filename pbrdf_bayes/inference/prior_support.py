@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pbrdf_bayes.energy import DIFFUSE
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.model.energy import DIFFUSE
 
 Array = NDArray[np.float64]
 

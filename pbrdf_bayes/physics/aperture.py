@@ -24,12 +24,12 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.fresnel import Surface
-from pbrdf_bayes.physics.normalisation import Incidence, incidence
-from pbrdf_bayes.physics.quadrature import lay_panels
+from pbrdf_bayes.physics.lobes.shaped import GEOMETRIC_MEAN, Lobe
+from pbrdf_bayes.physics.normalisation.centres import branch_width, brewster, stretch
+from pbrdf_bayes.physics.normalisation.plain import Incidence, incidence
+from pbrdf_bayes.physics.normalisation.quadrature import lay_panels
+from pbrdf_bayes.physics.normalisation.shaped import peak_width
 from pbrdf_bayes.physics.scene import EffectValues
-from pbrdf_bayes.physics.shaped_centres import branch_width, brewster, stretch
-from pbrdf_bayes.physics.shaped_lobes import GEOMETRIC_MEAN, Lobe
-from pbrdf_bayes.physics.shaped_normalisation import peak_width
 
 Array = NDArray[np.float64]
 

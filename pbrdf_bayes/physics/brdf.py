@@ -6,7 +6,7 @@
 Source: Renhorn, Hallberg, Bergstrom, Boreman, Opt. Express 19, 1027 (2011),
 doi:10.1364/OE.19.001027. The limits of the integrals printed there in (2) and (4) mean the unit
 disk. The paper calls the model reciprocal; with (4) the norm depends on the angle of incidence and
-f(a -> b) differs from f(b -> a): see `pbrdf_bayes.model.reciprocity_ratio`.
+f(a -> b) differs from f(b -> a): see `pbrdf_bayes.model.four_parameter.reciprocity_ratio`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from pbrdf_bayes.physics.fresnel import (
     surface,
 )
 from pbrdf_bayes.physics.geometry import Geometry
-from pbrdf_bayes.physics.normalisation import (
+from pbrdf_bayes.physics.normalisation.plain import (
     SLOPES,
     VALUES,
     Incidence,
@@ -40,7 +40,7 @@ from pbrdf_bayes.physics.normalisation import (
     integrals,
     workspace,
 )
-from pbrdf_bayes.physics.quadrature import expansion_order
+from pbrdf_bayes.physics.normalisation.quadrature import expansion_order
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

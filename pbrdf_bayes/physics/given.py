@@ -11,7 +11,7 @@ from pbrdf_bayes.physics.brdf import Buffers, fill_dhr, log_brdf
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.fresnel import surface
 from pbrdf_bayes.physics.geometry import Geometry
-from pbrdf_bayes.physics.normalisation import VALUES, Workspace
+from pbrdf_bayes.physics.normalisation.plain import VALUES, Workspace
 
 Array = NDArray[np.float64]
 

@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.fresnel import surface
-from pbrdf_bayes.physics.normalisation import incidence
-from pbrdf_bayes.physics.quadrature import panel_split
-from pbrdf_bayes.physics.shaped_normalisation import peak_width
+from pbrdf_bayes.physics.normalisation.plain import incidence
+from pbrdf_bayes.physics.normalisation.quadrature import panel_split
+from pbrdf_bayes.physics.normalisation.shaped import peak_width
 
 Array = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ def port_nodes(
     rho0 : float
         Half width of the narrowest lobe across [1]. Wider lobes are integrated as well.
     digits : float
-        Correct decimal digits, relative to the DHR (``tests/test_ddr.py``).
+        Correct decimal digits, relative to the DHR (``tests/model/test_ddr.py``).
 
     Returns
     -------

@@ -34,8 +34,8 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.physics.directions import Directions
 from pbrdf_bayes.physics.fresnel import Surface, reflectances, surface, transmittances
-from pbrdf_bayes.physics.normalisation import VALUES, expand_cumulative, fill_lobes, workspace
-from pbrdf_bayes.physics.quadrature import expansion_order
+from pbrdf_bayes.physics.normalisation.plain import VALUES, expand_cumulative, fill_lobes, workspace
+from pbrdf_bayes.physics.normalisation.quadrature import expansion_order
 
 Array = NDArray[np.float64]
 

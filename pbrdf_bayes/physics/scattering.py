@@ -4,7 +4,7 @@
     surface_q  = sigma_N0 F_q(theta_i) / I_q A_q B_q'
     DHR_q      = sigma_N0 F_q(theta_i) + integral of diffuse_q over the projected hemisphere
 
-The surface is that of Eqs. (2)-(5) with the lobes of `pbrdf_bayes.physics.shaped_lobes`; diffuse
+The surface is that of Eqs. (2)-(5) with the lobes of `pbrdf_bayes.physics.lobes.shaped`; diffuse
 terms are those of `pbrdf_bayes.physics.effects`; l is the leakage of the polariser. What is not
 asked for is not computed, and without anything asked for this module is not called at all.
 
@@ -38,16 +38,16 @@ from pbrdf_bayes.physics.elementary import exp, log
 from pbrdf_bayes.physics.fresnel import Surface, reflectances, surface
 from pbrdf_bayes.physics.geometry import Geometry
 from pbrdf_bayes.physics.hemispherical import LARGEST_THETA_I_DEG, sample_dhr
-from pbrdf_bayes.physics.line_shapes import LORENTZIAN, VOIGT
-from pbrdf_bayes.physics.normalisation import VALUES, Workspace, incidence, workspace
-from pbrdf_bayes.physics.scene import EffectValues, Scene, effects_of
-from pbrdf_bayes.physics.shaped_lobes import MEAN_SINE, Lobe, lobe, shaped_log_lobes
-from pbrdf_bayes.physics.shaped_normalisation import (
+from pbrdf_bayes.physics.lobes.line_shapes import LORENTZIAN, VOIGT
+from pbrdf_bayes.physics.lobes.shaped import MEAN_SINE, Lobe, lobe, shaped_log_lobes
+from pbrdf_bayes.physics.normalisation.plain import VALUES, Workspace, incidence, workspace
+from pbrdf_bayes.physics.normalisation.shaped import (
     ShapedWorkspace,
     shaped_cumulative,
     shaped_integrals,
     shaped_workspace,
 )
+from pbrdf_bayes.physics.scene import EffectValues, Scene, effects_of
 
 Array = NDArray[np.float64]
 

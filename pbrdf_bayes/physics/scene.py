@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.physics.compiled import compiled
-from pbrdf_bayes.physics.line_shapes import LINE_SHAPES
-from pbrdf_bayes.physics.shaped_lobes import FRESNEL_AT
+from pbrdf_bayes.physics.lobes.line_shapes import LINE_SHAPES
+from pbrdf_bayes.physics.lobes.shaped import FRESNEL_AT
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -48,7 +48,7 @@ class Scene(NamedTuple):
     """What is asked for."""
 
     line_shape: int
-    """Code of `pbrdf_bayes.physics.line_shapes`."""
+    """Code of `pbrdf_bayes.physics.lobes.line_shapes`."""
     fresnel_at: int
     """Where the Fresnel factor of a lobe is taken, see `shaped_lobes`."""
     column: Index
@@ -61,9 +61,9 @@ def make_scene(line_shape: str, fresnel_at: str, names: tuple[str, ...]) -> Scen
     Parameters
     ----------
     line_shape : str
-        Of `pbrdf_bayes.physics.line_shapes.LINE_SHAPES`.
+        Of `pbrdf_bayes.physics.lobes.line_shapes.LINE_SHAPES`.
     fresnel_at : str
-        Of `pbrdf_bayes.physics.shaped_lobes.FRESNEL_AT`.
+        Of `pbrdf_bayes.physics.lobes.shaped.FRESNEL_AT`.
     names : tuple of str
         Names of the columns of parameter sets.
     """

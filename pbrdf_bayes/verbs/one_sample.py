@@ -237,7 +237,7 @@ def _write_out(text: str, out: Path | None) -> None:
 
 def _simulate(options: argparse.Namespace) -> int:
     from pbrdf_bayes.io.tidy_csv import write_tidy_csv
-    from pbrdf_bayes.simulate import simulate_measurement
+    from pbrdf_bayes.model.simulate import simulate_measurement
     from pbrdf_bayes.workflow.parameters_json import read_parameters
 
     parameters, effects = read_parameters(options.params)

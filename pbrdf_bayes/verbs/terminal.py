@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Callable
 
-from pbrdf_bayes.inference.sampling import Progress
+from pbrdf_bayes.inference.sampling.sampling import Progress
 from pbrdf_bayes.workflow.fitting import Observer
 
 _BAR = 24

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pbrdf_bayes.data_checks import check_measurement
 from pbrdf_bayes.io.tidy_csv import read_samples
 from pbrdf_bayes.measurement import Measurement
+from pbrdf_bayes.readings.checks import check_measurement
 
 _MARK = {"PASS": "ok  ", "WARN": "WARN", "FAIL": "FAIL", "SKIP": "-   "}
 

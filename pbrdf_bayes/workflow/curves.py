@@ -9,7 +9,8 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from pbrdf_bayes.inference.bands import (
+from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.inference.prediction.bands import (
     Bands,
     Targets,
     expand_scales,
@@ -17,7 +18,6 @@ from pbrdf_bayes.inference.bands import (
     predict_bands,
     targets_at,
 )
-from pbrdf_bayes.inference.posterior import Posterior
 
 Array = NDArray[np.float64]
 

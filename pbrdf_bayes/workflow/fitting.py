@@ -13,53 +13,57 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pbrdf_bayes.compile_ahead import WITH_EFFECTS, compile_ahead, likelihood_to_compile
 from pbrdf_bayes.config import ACCURACIES, AUTO, RunConfig
-from pbrdf_bayes.data_checks import DataCheck, check_measurement
-from pbrdf_bayes.inference.applicability import (
+from pbrdf_bayes.inference.effects_choice.choose import choose_effects, time_likelihood
+from pbrdf_bayes.inference.effects_choice.records import EffectsChoice
+from pbrdf_bayes.inference.optimum.laplace import laplace_mixture
+from pbrdf_bayes.inference.optimum.least_squares import fit_least_squares
+from pbrdf_bayes.inference.optimum.map_fit import MapResult, find_map
+from pbrdf_bayes.inference.parameters.effects import before_choice
+from pbrdf_bayes.inference.posterior import Posterior, build_posterior, normalisation_change
+from pbrdf_bayes.inference.prediction.bands import scan_scales
+from pbrdf_bayes.inference.prediction.holdout import run_holdout
+from pbrdf_bayes.inference.prediction.holdout_cases import (
+    list_cases,
+    run_cases,
+    why_no_angle_left_out,
+)
+from pbrdf_bayes.inference.prediction.leave_one_out import leave_each_out
+from pbrdf_bayes.inference.prediction.residuals import (
+    calibrated_residuals,
+    compute_residuals,
+    effective_share,
+    white_noise_dex,
+)
+from pbrdf_bayes.inference.prediction.scan_widths import measure_widths
+from pbrdf_bayes.inference.prior_support import (
+    refuse_impossible_priors,
+    refuse_untold_instrument,
+)
+from pbrdf_bayes.inference.sampling.ensembles import Checkpoint
+from pbrdf_bayes.inference.sampling.power_scaling import measure_sensitivity
+from pbrdf_bayes.inference.sampling.sampling import Draws, Progress, sample_posterior
+from pbrdf_bayes.io import run_folder
+from pbrdf_bayes.io.checkpoint import Checkpoints, open_checkpoints, remove_checkpoints
+from pbrdf_bayes.io.config_toml import config_to_toml
+from pbrdf_bayes.io.tidy_csv import read_measurement
+from pbrdf_bayes.measurement import Measurement
+from pbrdf_bayes.readings.checks import DataCheck, check_measurement
+from pbrdf_bayes.report.page import render_report
+from pbrdf_bayes.results import N_BAND_DRAWS, Analysis
+from pbrdf_bayes.verdicts.applicability import (
     find_repeatability,
     held_out_rms,
     judge_applicability,
     list_assumed,
     list_only_bounded,
 )
-from pbrdf_bayes.inference.bands import scan_scales
-from pbrdf_bayes.inference.choose_effects import choose_effects, time_likelihood
-from pbrdf_bayes.inference.common_misfit import compare_misfits
-from pbrdf_bayes.inference.dhr_misfit import measure_dhr_misfit
-from pbrdf_bayes.inference.diagnostics import assess_identifiability, run_diagnostics
-from pbrdf_bayes.inference.discrepancy_size import measure_discrepancy
-from pbrdf_bayes.inference.effect_parameters import before_choice
-from pbrdf_bayes.inference.effects_choice import EffectsChoice
-from pbrdf_bayes.inference.ensembles import Checkpoint
-from pbrdf_bayes.inference.holdout import run_holdout
-from pbrdf_bayes.inference.holdout_cases import list_cases, run_cases, why_no_angle_left_out
-from pbrdf_bayes.inference.laplace import laplace_mixture
-from pbrdf_bayes.inference.least_squares import fit_least_squares
-from pbrdf_bayes.inference.leave_one_out import leave_each_out
-from pbrdf_bayes.inference.map_fit import MapResult, find_map
-from pbrdf_bayes.inference.posterior import Posterior, build_posterior, normalisation_change
-from pbrdf_bayes.inference.power_scaling import measure_sensitivity
-from pbrdf_bayes.inference.prior_support import (
-    refuse_impossible_priors,
-    refuse_untold_instrument,
-)
-from pbrdf_bayes.inference.reciprocity_size import measure_reciprocity
-from pbrdf_bayes.inference.residuals import (
-    calibrated_residuals,
-    compute_residuals,
-    effective_share,
-    white_noise_dex,
-)
-from pbrdf_bayes.inference.sampling import Draws, Progress, sample_posterior
-from pbrdf_bayes.inference.scan_widths import measure_widths
-from pbrdf_bayes.io import run_folder
-from pbrdf_bayes.io.checkpoint import Checkpoints, open_checkpoints, remove_checkpoints
-from pbrdf_bayes.io.config_toml import config_to_toml
-from pbrdf_bayes.io.tidy_csv import read_measurement
-from pbrdf_bayes.measurement import Measurement
-from pbrdf_bayes.report.page import render_report
-from pbrdf_bayes.results import N_BAND_DRAWS, Analysis
+from pbrdf_bayes.verdicts.common_misfit import compare_misfits
+from pbrdf_bayes.verdicts.dhr_misfit import measure_dhr_misfit
+from pbrdf_bayes.verdicts.diagnostics import assess_identifiability, run_diagnostics
+from pbrdf_bayes.verdicts.discrepancy_size import measure_discrepancy
+from pbrdf_bayes.verdicts.reciprocity_size import measure_reciprocity
+from pbrdf_bayes.workflow.compile_ahead import WITH_EFFECTS, compile_ahead, likelihood_to_compile
 from pbrdf_bayes.workflow.curves import count_covered, predict_curves, predict_dhr
 from pbrdf_bayes.workflow.paperwork import Paperwork, amend_folder, complete, write_pdf
 from pbrdf_bayes.workflow.resume import (

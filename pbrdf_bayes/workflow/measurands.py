@@ -24,17 +24,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.config import ACCURACIES
-from pbrdf_bayes.effects import INSTRUMENT_FIELDS
-from pbrdf_bayes.inference.conformity import ESS_FINEST
-from pbrdf_bayes.inference.discrepancy import Process, draw_prior_discrepancy
-from pbrdf_bayes.inference.discrepancy_paths import draw_paths_given
+from pbrdf_bayes.conform.conformity import ESS_FINEST
 from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.inference.prediction.discrepancy import Process, draw_prior_discrepancy
+from pbrdf_bayes.inference.prediction.discrepancy_paths import draw_paths_given
 from pbrdf_bayes.measurement import name_half_plane
-from pbrdf_bayes.model import DOMAIN, digits_of
+from pbrdf_bayes.model.effects import INSTRUMENT_FIELDS
+from pbrdf_bayes.model.four_parameter import DOMAIN, digits_of
 from pbrdf_bayes.physics.geometry import prepare_geometry
 from pbrdf_bayes.physics.scene import EffectValues
 from pbrdf_bayes.results import Analysis, draws_of_run
-from pbrdf_bayes.scene_prediction import DrawnModel
+from pbrdf_bayes.scene.prediction import DrawnModel
 from pbrdf_bayes.specification import Limit
 from pbrdf_bayes.workflow.tree import posterior_of
 

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
-from pbrdf_bayes.effects import Effects, effects_of_fit, with_values
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.io.outside import read_ordinary
-from pbrdf_bayes.model import DOMAIN, Parameters
+from pbrdf_bayes.model.effects import Effects, effects_of_fit, with_values
+from pbrdf_bayes.model.four_parameter import DOMAIN, Parameters
 
 _MOST_BYTES = 8 * 2**20
 """Of a file: it may be the summary of a run, some tens of kB."""

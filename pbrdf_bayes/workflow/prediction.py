@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pbrdf_bayes.effects import Effects
 from pbrdf_bayes.errors import ConfigError
-from pbrdf_bayes.inference.bands import Bands, Targets, predict_bands
+from pbrdf_bayes.inference.prediction.bands import Bands, Targets, predict_bands
 from pbrdf_bayes.io.run_folder import load_analysis
-from pbrdf_bayes.model import Parameters, brdf, check_directions, dhr, digits_of
-from pbrdf_bayes.reciprocity import reciprocal_brdf
+from pbrdf_bayes.model.effects import Effects
+from pbrdf_bayes.model.four_parameter import Parameters, brdf, check_directions, dhr, digits_of
+from pbrdf_bayes.model.reciprocity import reciprocal_brdf
 from pbrdf_bayes.results import N_BAND_DRAWS, Analysis, drawn_sets
 from pbrdf_bayes.workflow.tree import posterior_of
 

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from pbrdf_bayes.config import AUTO, RunConfig
-from pbrdf_bayes.inference.choose_effects import as_chosen
-from pbrdf_bayes.inference.ensembles import (
+from pbrdf_bayes.inference.effects_choice.choose import as_chosen
+from pbrdf_bayes.inference.posterior import Posterior, build_posterior
+from pbrdf_bayes.inference.sampling.ensembles import (
     Checkpoint,
     SamplerState,
     state_from_arrays,
     state_to_arrays,
 )
-from pbrdf_bayes.inference.posterior import Posterior, build_posterior
 from pbrdf_bayes.io.checkpoint import Checkpoints, has_checkpoints, remove_checkpoints
 from pbrdf_bayes.io.config_toml import config_table
 from pbrdf_bayes.io.run_folder import finite_only, load_summary, locked, refuse_difference

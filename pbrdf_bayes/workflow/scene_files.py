@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from pbrdf_bayes.effects import Effects
 from pbrdf_bayes.errors import ConfigError, DomainError
 from pbrdf_bayes.io.run_folder import (
     load_analysis,
@@ -16,8 +15,9 @@ from pbrdf_bayes.io.run_folder import (
 )
 from pbrdf_bayes.io.scene_arrays import scene_csv, spectral_dataset
 from pbrdf_bayes.io.scene_toml import read_scene
-from pbrdf_bayes.model import Parameters
-from pbrdf_bayes.scene_prediction import predict_scene
+from pbrdf_bayes.model.effects import Effects
+from pbrdf_bayes.model.four_parameter import Parameters
+from pbrdf_bayes.scene.prediction import predict_scene
 from pbrdf_bayes.scenes import Scene, SceneValues
 from pbrdf_bayes.workflow.spectral_scene import predict_spectral_scene
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.results import Analysis
-from pbrdf_bayes.scene_prediction import predict_scene, same_wavelength
+from pbrdf_bayes.scene.prediction import predict_scene, same_wavelength
 from pbrdf_bayes.scenes import Scene, SceneValues
 
 

@@ -8,22 +8,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pbrdf_bayes.data_checks import DataCheck
-from pbrdf_bayes.inference.applicability import Applicability
-from pbrdf_bayes.inference.bands import Bands, Targets
-from pbrdf_bayes.inference.diagnostics import Identifiability
-from pbrdf_bayes.inference.discrepancy_size import DiscrepancySize
-from pbrdf_bayes.inference.effects_choice import EffectsChoice
-from pbrdf_bayes.inference.holdout import Holdout
-from pbrdf_bayes.inference.leave_one_out import LeaveOneOut
-from pbrdf_bayes.inference.map_fit import MapResult
+from pbrdf_bayes.inference.effects_choice.records import EffectsChoice
+from pbrdf_bayes.inference.optimum.map_fit import MapResult
 from pbrdf_bayes.inference.posterior import Posterior
-from pbrdf_bayes.inference.power_scaling import PriorSensitivity
-from pbrdf_bayes.inference.reciprocity_size import ReciprocitySize
-from pbrdf_bayes.inference.residuals import Residuals
-from pbrdf_bayes.inference.sampling import Draws
-from pbrdf_bayes.inference.scan_widths import ScanWidths
-from pbrdf_bayes.inference.verdicts import Diagnostic
+from pbrdf_bayes.inference.prediction.bands import Bands, Targets
+from pbrdf_bayes.inference.prediction.holdout import Holdout
+from pbrdf_bayes.inference.prediction.leave_one_out import LeaveOneOut
+from pbrdf_bayes.inference.prediction.residuals import Residuals
+from pbrdf_bayes.inference.prediction.scan_widths import ScanWidths
+from pbrdf_bayes.inference.sampling.power_scaling import PriorSensitivity
+from pbrdf_bayes.inference.sampling.sampling import Draws
+from pbrdf_bayes.readings.checks import DataCheck
+from pbrdf_bayes.verdict import Diagnostic
+from pbrdf_bayes.verdicts.applicability import Applicability
+from pbrdf_bayes.verdicts.diagnostics import Identifiability
+from pbrdf_bayes.verdicts.discrepancy_size import DiscrepancySize
+from pbrdf_bayes.verdicts.reciprocity_size import ReciprocitySize
 
 Array = NDArray[np.float64]
 

@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 
 from pbrdf_bayes import __version__
-from pbrdf_bayes.inference.diagnostics import contraction
-from pbrdf_bayes.inference.holdout import Holdout
-from pbrdf_bayes.inference.leave_one_out import LeaveOneOut
-from pbrdf_bayes.inference.predictive_checks import judge_holdout
+from pbrdf_bayes.inference.prediction.holdout import Holdout
+from pbrdf_bayes.inference.prediction.leave_one_out import LeaveOneOut
 from pbrdf_bayes.inference.rejected import together
-from pbrdf_bayes.inference.sampling import Draws
-from pbrdf_bayes.inference.verdicts import CONTRACTION_WARN, FAIL, WARN, overall_verdict
+from pbrdf_bayes.inference.sampling.sampling import Draws
 from pbrdf_bayes.io.config_toml import config_table
 from pbrdf_bayes.results import SCHEMA_VERSION
+from pbrdf_bayes.verdict import CONTRACTION_WARN, FAIL, WARN, overall_verdict
+from pbrdf_bayes.verdicts.diagnostics import contraction
+from pbrdf_bayes.verdicts.predictive_checks import judge_holdout
 from pbrdf_bayes.workflow.stages import Stages
 
 _PACKAGES = (

@@ -8,15 +8,15 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from pbrdf_bayes.inference.bands import (
+from pbrdf_bayes.inference.posterior import Posterior, build_posterior
+from pbrdf_bayes.inference.prediction.bands import (
     expand_scales,
     replicate_brdf,
     replicate_dhr,
     scan_scales,
     targets_at,
 )
-from pbrdf_bayes.inference.posterior import Posterior, build_posterior
-from pbrdf_bayes.inference.scan_widths import ScanWidths
+from pbrdf_bayes.inference.prediction.scan_widths import ScanWidths
 from pbrdf_bayes.io.config_toml import config_from_table
 from pbrdf_bayes.measurement import Measurement, measurement_from_columns
 from pbrdf_bayes.results import QUANTILES, Analysis

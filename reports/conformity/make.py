@@ -4,7 +4,7 @@ python reports/conformity/make.py
 
 The paints are the published green one with other grazing-absorption factors, simulated at three
 angles of incidence with noise of 3 % (DHR: 0.002) and fitted as drafts. Everything goes through the
-command line. ``tests/test_conformity_page.py`` repeats one paint and checks the page.
+command line. ``tests/reports/test_conformity_page.py`` repeats one paint and checks the page.
 """
 
 # ruff: noqa: E501

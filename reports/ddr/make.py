@@ -6,7 +6,7 @@ DHR readings tell sigma_N0, n and k, and nothing of the roughness rho0: a scan i
 The diffuse directional reflectance (DDR) is the DHR less the light inside a specular port, and that
 light depends on rho0. Three paints are read, simulated with their instrument: the DHR alone is
 fitted, then with a scan, then with DDR readings of several ports, and what is known of rho0 and of
-curves afterwards is compared with the truth. ``tests/test_ddr_page.py`` repeats a part of it.
+curves afterwards is compared with the truth. ``test_ddr_page.py`` repeats a part of it.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ from pbrdf_bayes.design.hemispherical import (
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.io.significant import significant
 from pbrdf_bayes.measurement import Measurement, measurement_from_columns
-from pbrdf_bayes.model import DOMAIN
+from pbrdf_bayes.model.four_parameter import DOMAIN
 from pbrdf_bayes.physics.geometry import prepare_geometry
 from pbrdf_bayes.report.svg import figure_style, inline_svg
-from pbrdf_bayes.validation.design_loop import fitted
-from pbrdf_bayes.validation.experiments import draw_misfit, matern
+from tools.validation.design_loop import fitted
+from tools.validation.experiments import draw_misfit, matern
 
 Array = NDArray[np.float64]
 

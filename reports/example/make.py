@@ -5,7 +5,7 @@ python reports/example/make.py
 The readings are those of the published green paint, simulated as in data/ but thinned to three
 angles of incidence and every fourth degree, which keeps the committed files small, and with noise
 of 8 % (DHR: 0.002), which makes the bands wide enough to be seen. Everything goes through the
-command line. ``tests/test_example_report.py`` repeats the fit and compares.
+command line. ``tests/reports/test_example_report.py`` repeats the fit and compares.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ is a third way. Each is fitted to measured scans and to simulated paints whose t
 scored by the angles of incidence left out in turn, as ``fit --effects auto`` scores effects. FOLDER
 holds the measured scans (see `MEASURED`); they are not part of this project. One core, about five
 minutes. Without FOLDER the page is made again from fresnel_at.json.
-``tests/test_fresnel_at_page.py`` looks at what is committed.
+``tests/reports/test_fresnel_at_page.py`` looks at what is committed.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from threadpoolctl import threadpool_limits
 
 import pbrdf_bayes as pb
 from pbrdf_bayes.config import FRESNEL_AT
-from pbrdf_bayes.effects import Effects
-from pbrdf_bayes.inference.choose_effects import TYPICAL_N, compare_configs
-from pbrdf_bayes.inference.holdout_cases import list_cases
+from pbrdf_bayes.inference.effects_choice.choose import TYPICAL_N, compare_configs
+from pbrdf_bayes.inference.prediction.holdout_cases import list_cases
 from pbrdf_bayes.measurement import Measurement
-from pbrdf_bayes.simulate import simulate_measurement
+from pbrdf_bayes.model.effects import Effects
+from pbrdf_bayes.model.simulate import simulate_measurement
 
 Array = NDArray[np.float64]
 

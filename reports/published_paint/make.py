@@ -2,7 +2,7 @@
 
 python reports/published_paint/make.py
 
-Uses the public interface of the package only. ``tests/test_published_paint.py`` computes the
+Uses the public interface of the package only. ``test_published_paint.py`` computes the
 numbers again and compares them with those in the committed page.
 """
 

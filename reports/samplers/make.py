@@ -4,7 +4,7 @@ OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python reports/samplers/make.py
 
 Run it by hand on a machine that does nothing else; it needs the extra ``test`` (dynesty, nautilus).
 All samplers see the very same density. They take turns in one process, so that whatever else the
-machine does disturbs all of them. ``tests/test_sampler_comparison.py`` looks at what is committed.
+machine does disturbs all of them. ``test_sampler_comparison.py`` looks at what is committed.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from threadpoolctl import threadpool_limits
 
 import pbrdf_bayes as pb
 from pbrdf_bayes.inference import arviz_adapter
-from pbrdf_bayes.inference.laplace import laplace_mixture
-from pbrdf_bayes.inference.map_fit import find_map
-from pbrdf_bayes.inference.mixture import Mixture
+from pbrdf_bayes.inference.optimum.laplace import laplace_mixture
+from pbrdf_bayes.inference.optimum.map_fit import find_map
 from pbrdf_bayes.inference.posterior import Posterior
-from pbrdf_bayes.inference.sampling import sample_posterior, start_walkers
-from pbrdf_bayes.simulate import simulate_measurement
+from pbrdf_bayes.inference.sampling.mixture import Mixture
+from pbrdf_bayes.inference.sampling.sampling import sample_posterior, start_walkers
+from pbrdf_bayes.model.simulate import simulate_measurement
 
 Array = NDArray[np.float64]
 Moves = list[tuple[Any, float]]

@@ -9,7 +9,7 @@ import pytest
 
 from pbrdf_bayes.design.candidates import Candidate, Costs
 from pbrdf_bayes.errors import ConfigError, DataError
-from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
+from pbrdf_bayes.model.simulate import GREEN_PAINT, simulate_measurement
 from pbrdf_bayes.workflow.candidates_csv import Wanted, list_wanted, parse_kinds, read_candidates
 
 HEADER = "quantity,polarization,theta_i_deg,theta_r_lo_deg,theta_r_hi_deg,theta_r_step_deg,port_deg,minutes\n"

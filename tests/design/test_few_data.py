@@ -16,8 +16,8 @@ from pbrdf_bayes.design.nested import Gain
 from pbrdf_bayes.design.run import DesignChoices, DesignResult, design_measurements
 from pbrdf_bayes.design.summary import summarise_design
 from pbrdf_bayes.measurement import Measurement, measurement_from_columns
+from pbrdf_bayes.model.simulate import GREEN_PAINT
 from pbrdf_bayes.results import draws_of_run
-from pbrdf_bayes.simulate import GREEN_PAINT
 from pbrdf_bayes.workflow.tree import posterior_of
 
 SCAN = np.arange(-80.0, 81.0, 8.0)

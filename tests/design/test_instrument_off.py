@@ -10,7 +10,7 @@ from pbrdf_bayes.design.candidates import Candidate
 from pbrdf_bayes.design.goals import SCAN_DEG, goal_values, parse_goal
 from pbrdf_bayes.design.hemispherical import hemispherical_values
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
-from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
+from pbrdf_bayes.model.simulate import GREEN_PAINT, simulate_measurement
 
 OFFSET, LEAKAGE = 0.004, 0.03
 READ = {

@@ -16,9 +16,9 @@ from pbrdf_bayes.design.local import local_law
 from pbrdf_bayes.design.nested import difference
 from pbrdf_bayes.design.run import DesignChoices, design_measurements
 from pbrdf_bayes.design.summary import summarise_design
-from pbrdf_bayes.inference.parameters import PHYSICAL
+from pbrdf_bayes.inference.parameters.table import PHYSICAL
 from pbrdf_bayes.inference.posterior import build_posterior
-from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
+from pbrdf_bayes.model.simulate import GREEN_PAINT, simulate_measurement
 
 SCAN = tuple(float(a) for a in range(-60, 61, 10))
 TAU, ELL, NOISE, U_CAL, U_DHR, U_DHR_CAL = 0.05, 25.0, 0.02, 0.03, 0.002, 0.02

@@ -21,9 +21,9 @@ from pbrdf_bayes.design.hemispherical import (
 from pbrdf_bayes.design.run import DesignChoices, design_measurements
 from pbrdf_bayes.design.scans import draw_scans, law_of_rows, plan_scan, scan_log_likelihoods
 from pbrdf_bayes.errors import ConfigError
-from pbrdf_bayes.inference.parameters import PHYSICAL
+from pbrdf_bayes.inference.parameters.table import PHYSICAL
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
-from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
+from pbrdf_bayes.model.simulate import GREEN_PAINT, simulate_measurement
 
 SCAN = tuple(float(a) for a in range(-60, 61, 10))
 CENTRE = {

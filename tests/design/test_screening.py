@@ -11,7 +11,7 @@ from pbrdf_bayes.design.candidates import Candidate
 from pbrdf_bayes.design.goals import parse_goal
 from pbrdf_bayes.design.run import DesignChoices, DesignResult, design_measurements
 from pbrdf_bayes.inference.posterior import build_posterior
-from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
+from pbrdf_bayes.model.simulate import GREEN_PAINT, simulate_measurement
 
 SCAN = tuple(float(a) for a in range(-60, 61, 10))
 CENTRE = {

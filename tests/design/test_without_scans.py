@@ -10,10 +10,10 @@ import pbrdf_bayes as pb
 from pbrdf_bayes.design.beliefs import Beliefs, beliefs_of_run, draw_nuisance, draw_sets
 from pbrdf_bayes.design.candidates import Candidate
 from pbrdf_bayes.design.evaluate import linear_gains, set_stage, told_by
-from pbrdf_bayes.inference.parameters import PHYSICAL
+from pbrdf_bayes.inference.parameters.table import PHYSICAL
 from pbrdf_bayes.inference.posterior import build_posterior
 from pbrdf_bayes.measurement import measurement_from_columns
-from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
+from pbrdf_bayes.model.simulate import GREEN_PAINT, simulate_measurement
 
 SCAN = tuple(float(a) for a in range(-60, 61, 5))
 SPREAD = 0.02

@@ -42,15 +42,15 @@ from inputs import (
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.design.candidates import Costs
 from pbrdf_bayes.errors import PbrdfError
-from pbrdf_bayes.inference.parameters import parameter_specs
+from pbrdf_bayes.inference.parameters.table import parameter_specs
 from pbrdf_bayes.io.config_toml import read_config
 from pbrdf_bayes.io.document_toml import read_document
 from pbrdf_bayes.io.limits_toml import read_limits
 from pbrdf_bayes.io.scene_toml import read_scene
 from pbrdf_bayes.io.tidy_csv import read_usable_samples, write_tidy_csv
-from pbrdf_bayes.scene_prediction import predict_scene
+from pbrdf_bayes.model.simulate import GREEN_PAINT, simulate_measurement
+from pbrdf_bayes.scene.prediction import predict_scene
 from pbrdf_bayes.scenes import Scene
-from pbrdf_bayes.simulate import GREEN_PAINT, simulate_measurement
 from pbrdf_bayes.workflow.candidates_csv import read_candidates
 from pbrdf_bayes.workflow.fitting import fit_file
 from pbrdf_bayes.workflow.parameters_json import read_parameters

@@ -15,10 +15,10 @@ from pbrdf_bayes import (
     simulate_measurement,
 )
 from pbrdf_bayes.config import EFFECTS, LINE_SHAPES
-from pbrdf_bayes.inference.effect_parameters import EFFECT_PARAMETERS, LINE_SHAPE_PARAMETERS
-from pbrdf_bayes.inference.map_fit import find_map
-from pbrdf_bayes.inference.mixture import Mixture
-from pbrdf_bayes.inference.sampling import start_walkers
+from pbrdf_bayes.inference.optimum.map_fit import find_map
+from pbrdf_bayes.inference.parameters.effects import EFFECT_PARAMETERS, LINE_SHAPE_PARAMETERS
+from pbrdf_bayes.inference.sampling.mixture import Mixture
+from pbrdf_bayes.inference.sampling.sampling import start_walkers
 
 GRID = np.arange(-80.0, 81.0, 10.0)
 FIXED_N = {"n": {"kind": "fixed", "value": 1.5}}

@@ -14,7 +14,7 @@ from scipy import stats
 import pbrdf_bayes as pb
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.measurement import Measurement, select_scans
-from pbrdf_bayes.simulate import simulate_measurement
+from pbrdf_bayes.model.simulate import simulate_measurement
 
 Array = NDArray[np.float64]
 

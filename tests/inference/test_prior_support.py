@@ -9,7 +9,7 @@ import pytest
 
 import pbrdf_bayes as pb
 from pbrdf_bayes.cli import main
-from pbrdf_bayes.inference.map_fit import find_map
+from pbrdf_bayes.inference.optimum.map_fit import find_map
 from pbrdf_bayes.inference.prior_support import (
     possible_samples,
     refuse_impossible_priors,

@@ -22,9 +22,9 @@ import pytest
 from numpy.typing import NDArray
 
 import pbrdf_bayes as pb
-from pbrdf_bayes.model import digits_of
+from pbrdf_bayes.model.four_parameter import digits_of
 from pbrdf_bayes.physics.fresnel import surface
-from pbrdf_bayes.physics.normalisation import incidence, normalisation_integrals, workspace
+from pbrdf_bayes.physics.normalisation.plain import incidence, normalisation_integrals, workspace
 
 Array = NDArray[np.float64]
 Point = dict[str, Any]

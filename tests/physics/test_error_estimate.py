@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import pbrdf_bayes as pb
-from pbrdf_bayes.model import digits_of
+from pbrdf_bayes.model.four_parameter import digits_of
 from pbrdf_bayes.physics.fresnel import surface
-from pbrdf_bayes.physics.normalisation import incidence, normalisation_integrals, workspace
+from pbrdf_bayes.physics.normalisation.plain import incidence, normalisation_integrals, workspace
 
 HONESTY = 10.0
 GREEN = pb.Parameters(n=1.526, k=0.193, sigma_n0=0.4528, rho0=0.47)

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import voigt_profile, wofz
 
-from pbrdf_bayes.physics.faddeeva import log_real_w
+from pbrdf_bayes.physics.lobes.faddeeva import log_real_w
 
 Array = NDArray[np.float64]
 mp = mpmath.MPContext()

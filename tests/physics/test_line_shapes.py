@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 from scipy.special import voigt_profile
 
-from pbrdf_bayes.physics.line_shapes import (
+from pbrdf_bayes.physics.lobes.line_shapes import (
     CAUCHY,
     GAUSSIAN,
     LINE_SHAPES,

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pbrdf_bayes import GREEN_PAINT, DomainError, Effects, Parameters, brdf, dhr
-from pbrdf_bayes.effects import EFFECT_DOMAIN, effects_of_fit, scene_and_columns
+from pbrdf_bayes.model.effects import EFFECT_DOMAIN, effects_of_fit, scene_and_columns
 from pbrdf_bayes.physics.geometry import prepare_geometry
 from pbrdf_bayes.physics.hemispherical import conserves_energy
 from pbrdf_bayes.physics.scattering import evaluate_with_effects

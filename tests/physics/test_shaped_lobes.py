@@ -19,9 +19,8 @@ from numba import njit
 
 from pbrdf_bayes.physics.directions import prepare_directions
 from pbrdf_bayes.physics.fresnel import lobes, reflectances, surface
-from pbrdf_bayes.physics.line_shapes import CAUCHY, GAUSSIAN, LINE_SHAPES, LORENTZIAN, VOIGT
-from pbrdf_bayes.physics.normalisation import incidence, normalisation_integrals, workspace
-from pbrdf_bayes.physics.shaped_lobes import (
+from pbrdf_bayes.physics.lobes.line_shapes import CAUCHY, GAUSSIAN, LINE_SHAPES, LORENTZIAN, VOIGT
+from pbrdf_bayes.physics.lobes.shaped import (
     FRESNEL_AT,
     GEOMETRIC_MEAN,
     MEAN_ANGLE,
@@ -30,7 +29,8 @@ from pbrdf_bayes.physics.shaped_lobes import (
     lobe,
     shaped_log_lobes,
 )
-from pbrdf_bayes.physics.shaped_normalisation import (
+from pbrdf_bayes.physics.normalisation.plain import incidence, normalisation_integrals, workspace
+from pbrdf_bayes.physics.normalisation.shaped import (
     shaped_cumulative,
     shaped_integrals,
     shaped_workspace,

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import pbrdf_bayes as pb
-from pbrdf_bayes.inference.choose_effects import choose_effects
-from pbrdf_bayes.validation.coverage import draw_paint
+from pbrdf_bayes.inference.effects_choice.choose import choose_effects
+from tools.validation.coverage import draw_paint
 
 NAMES = ("n", "k", "sigma_n0", "rho0")
 COATINGS = {

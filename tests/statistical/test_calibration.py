@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from scipy import stats
 
 import pbrdf_bayes as pb
-from pbrdf_bayes.inference.laplace import laplace_mixture
-from pbrdf_bayes.inference.map_fit import find_map
+from pbrdf_bayes.inference.optimum.laplace import laplace_mixture
+from pbrdf_bayes.inference.optimum.map_fit import find_map
 from pbrdf_bayes.inference.posterior import Posterior
-from pbrdf_bayes.inference.sampling import Draws, sample_posterior
+from pbrdf_bayes.inference.sampling.sampling import Draws, sample_posterior
 from pbrdf_bayes.measurement import Measurement, measurement_from_columns, select_scans
-from pbrdf_bayes.simulate import simulate_measurement
+from pbrdf_bayes.model.simulate import simulate_measurement
 
 Array = NDArray[np.float64]
 pytestmark = pytest.mark.slow

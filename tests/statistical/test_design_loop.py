@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pbrdf_bayes.validation.design_loop import CANDIDATES, compare
+from tools.validation.design_loop import CANDIDATES, compare
 
 
 @pytest.mark.slow

@@ -9,12 +9,12 @@ import pytest
 from scipy import stats
 
 import pbrdf_bayes as pb
-from pbrdf_bayes.validation.coverage import LINE_SHAPE, simulate_coverage, tabulate
-from pbrdf_bayes.validation.experiments import rows_of
-from pbrdf_bayes.validation.line_shape import cauchy_log_brdf, cauchy_log_ratio
-from pbrdf_bayes.validation.page import render_page
-from pbrdf_bayes.validation.run import judge_ranks
-from pbrdf_bayes.validation.sbc import (
+from tools.validation.coverage import LINE_SHAPE, simulate_coverage, tabulate
+from tools.validation.experiments import rows_of
+from tools.validation.line_shape import cauchy_log_brdf, cauchy_log_ratio
+from tools.validation.page import render_page
+from tools.validation.run import judge_ranks
+from tools.validation.sbc import (
     LAYOUT,
     envelope,
     envelope_level,

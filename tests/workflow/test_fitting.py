@@ -17,8 +17,8 @@ from arviz_stats import summary as arviz_summary
 
 import pbrdf_bayes as pb
 from pbrdf_bayes.errors import RunFolderError
-from pbrdf_bayes.inference.bands import Targets
 from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.inference.prediction.bands import Targets
 from pbrdf_bayes.io.run_folder import finite_only, load_analysis, save_analysis, validate_summary
 from pbrdf_bayes.measurement import select_scans
 from pbrdf_bayes.results import QUANTILES, Analysis

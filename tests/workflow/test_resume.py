@@ -25,7 +25,7 @@ import xarray as xr
 
 import pbrdf_bayes as pb
 from pbrdf_bayes.cli import main
-from pbrdf_bayes.inference import sampling
+from pbrdf_bayes.inference.sampling import sampling
 from pbrdf_bayes.io.checkpoint import read_checkpoint
 from pbrdf_bayes.io.run_folder import load_analysis
 from pbrdf_bayes.workflow import resume

@@ -1,0 +1,1 @@
+"""Conformity with tolerance limits."""

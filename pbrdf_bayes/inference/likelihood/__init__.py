@@ -1,0 +1,1 @@
+"""The likelihood of the readings: rows, groups, filters, and their slopes."""

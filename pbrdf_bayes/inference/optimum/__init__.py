@@ -1,0 +1,1 @@
+"""Optima of the posterior and of least squares, and the Laplace approximation at them."""

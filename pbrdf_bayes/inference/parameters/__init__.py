@@ -1,0 +1,1 @@
+"""What is inferred: names, symbols, units, meanings, priors."""

@@ -1,0 +1,1 @@
+"""What a posterior says of readings: bands, residuals, discrepancy, hold-outs."""

@@ -1,0 +1,1 @@
+"""Draws of the posterior: ensembles, moves, proposals, importance weights."""

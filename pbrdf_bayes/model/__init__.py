@@ -1,0 +1,1 @@
+"""The model for direct use, in degrees: BRDF, DHR, effects, polarimetry, simulation."""

@@ -1,0 +1,1 @@
+"""Line shapes of the surface lobe."""

@@ -1,0 +1,1 @@
+"""Normalisation integrals of the surface lobe over the unit disk."""

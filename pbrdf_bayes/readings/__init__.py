@@ -1,0 +1,1 @@
+"""Readings checked against themselves, before any model."""

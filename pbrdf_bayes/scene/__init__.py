@@ -1,0 +1,1 @@
+"""What a scene needs of the model: BRDF, DHR and Stokes components."""

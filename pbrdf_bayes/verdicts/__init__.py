@@ -1,0 +1,1 @@
+"""Verdicts on a run: what each compares, with which limit, and what follows."""
