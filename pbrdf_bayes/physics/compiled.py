@@ -19,7 +19,8 @@ def compiled(
     """Decorator: compile in nopython mode, cached on disk, division by zero as in IEEE 754.
 
     What is on disk counts only while the sources of all kernels are what they were: numba itself
-    looks at the one file alone, and would go on with kernels of another version that it calls.
+    looks at the one file alone, and would go on with kernels of another version that it calls. The
+    hash joins the version that numba compares before it unpickles records that may have moved.
 
     A product and a sum may be contracted to one fused operation, which rounds once.
 
@@ -44,7 +45,7 @@ def compiled(
         kernel: Function = njit(**options)(function)
         file = getattr(getattr(kernel, "_cache", None), "_cache_file", None)
         if file is not None:
-            file._source_stamp = (file._source_stamp, kernel_sources())
+            file._version = f"{file._version} {kernel_sources()}"
         return kernel
 
     return decorate
