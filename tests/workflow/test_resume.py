@@ -46,7 +46,7 @@ PIECE = 5
 """Steps from one stored state to the next in the processes that are killed."""
 RESTLESS = f"""
 import sys, time
-from pbrdf_bayes.inference import ensembles, sampling
+from pbrdf_bayes.inference.sampling import ensembles, sampling
 from pbrdf_bayes.io import checkpoint
 last = int(sys.argv.pop(1))
 advance = ensembles.advance

@@ -19,7 +19,7 @@ from pbrdf_bayes import (
 )
 from pbrdf_bayes import brdf as brdf_of
 from pbrdf_bayes.config import INSTRUMENT_EFFECTS
-from pbrdf_bayes.inference import choose_effects as choosing
+from pbrdf_bayes.inference.effects_choice import choose as choosing
 from pbrdf_bayes.inference.effects_choice.candidates import grown
 from pbrdf_bayes.inference.effects_choice.choose import choose_effects
 from pbrdf_bayes.measurement import select_scans
