@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,8 @@ POLARIZATIONS = ("s", "p", "u")
 
 DHR_RANGE = (-0.05, 1.05)
 """What a DHR reading may be: noise may take it beyond 0 and 1."""
+ANGLE_TOLERANCE_DEG = 0.05
+"""Incidences and azimuths that differ by no more are one: encoders jitter."""
 MOST_SCANS = 10_000
 """Scans of one sample."""
 MAX_LABEL = 200
@@ -138,11 +140,16 @@ def measurement_from_columns(
     source: str = "",
     sha256: str = "",
     warnings: tuple[str, ...] = (),
+    angle_tolerance_deg: float = ANGLE_TOLERANCE_DEG,
 ) -> Measurement:
     """Group validated columns of the tidy format into a `Measurement`.
 
     A direction has two names, (theta_r, phi_r) and (-theta_r, phi_r + 180 deg). The one with phi_r
     in (-90, 90] is kept, so that both halves of a plane are one scan.
+
+    Incidences and azimuths of BRDF readings that differ by at most the tolerance are one geometry
+    and take their nominal value; theta_r is never merged. A label splits a geometry only where
+    angles repeat and it names more than one reading, so that a time stamp makes no scans.
 
     Parameters
     ----------
@@ -151,6 +158,8 @@ def measurement_from_columns(
     phi_r_deg, sigma, n_repeats, scan, row : array_like, shape (n_rows,), optional
         Optional columns; missing ``sigma`` is NaN, missing ``n_repeats`` is NaN (``sigma`` is then
         the standard uncertainty itself), missing ``scan`` is the empty label.
+    angle_tolerance_deg : float
+        0 keeps every angle as it is [deg].
 
     Returns
     -------
@@ -197,13 +206,15 @@ def measurement_from_columns(
         repeated=repeated,
         row=np.zeros(n_rows, np.int64) if row is None else np.asarray(row, dtype=np.int64),
     )
+    columns = _merge_geometries(columns, is_brdf, angle_tolerance_deg)
     labels = np.full(n_rows, "", dtype=object)  # references: a long label takes no room in others
+    rank = _rank(columns.polarization, POLARIZATIONS)
+    phi = np.where(is_brdf, columns.phi_r_deg, 0.0)
+    theta = np.where(is_brdf, columns.theta_r_deg, 0.0)
     if scan is not None:
         labels[:] = [str(label) for label in np.asarray(scan).ravel()]
-    rank = _rank(columns.polarization, POLARIZATIONS)
-
-    phi = np.where(is_brdf, phi_r, 0.0)
-    theta = np.where(is_brdf, theta_r, 0.0)
+        geometry = np.stack([columns.theta_i_deg, phi, rank], axis=1)[is_brdf]
+        labels[is_brdf] = _labels_that_split(labels[is_brdf], geometry, theta[is_brdf])
     label_rank = _rank(labels, sorted(set(labels.tolist())))
     order = np.lexsort((columns.row, theta, label_rank, phi, rank, columns.theta_i_deg))
     brdf_rows = order[is_brdf[order]]
@@ -221,6 +232,74 @@ def measurement_from_columns(
         sha256=sha256,
         warnings=warnings,
     )
+
+
+def merge_close(values: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
+    """Values with those that lie within a tolerance of each other replaced by one nominal value.
+
+    It is their median, rounded to a fifth of the tolerance: 20.0021 becomes 20 at 0.05.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    tolerance : float
+        Largest difference in a cluster, in the unit of the values; clusters begin at the smallest.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+
+    Examples
+    --------
+    >>> merge_close(np.array([20.0, 0.001, 20.004, 0.003, 19.998]), 0.05).tolist()
+    [20.0, 0.0, 20.0, 0.0, 20.0]
+    """
+    distinct = np.unique(values)
+    nominal = values.copy()
+    first = 0
+    for last in range(distinct.size):
+        if last + 1 < distinct.size and distinct[last + 1] - distinct[first] <= tolerance:
+            continue
+        if last > first:
+            inside = (values >= distinct[first]) & (values <= distinct[last])
+            step = 0.2 * tolerance
+            nominal[inside] = round(np.round(np.median(values[inside]) / step) * step, 9)
+        first = last + 1
+    return nominal
+
+
+def _merge_geometries(
+    readings: Readings, is_brdf: NDArray[np.bool_], tolerance_deg: float
+) -> Readings:
+    """Nominal incidences and azimuths of BRDF rows; both sides of -90 deg are one plane."""
+    theta_i, theta_r, phi_r = (
+        column.copy() for column in (readings.theta_i_deg, readings.theta_r_deg, readings.phi_r_deg)
+    )
+    wraps = is_brdf & (phi_r <= tolerance_deg - 90.0)
+    phi_r[wraps] += 180.0
+    theta_r[wraps] *= -1.0
+    phi_r[is_brdf] = np.minimum(merge_close(phi_r[is_brdf], tolerance_deg), 90.0)
+    theta_i[is_brdf] = merge_close(theta_i[is_brdf], tolerance_deg)
+    return replace(readings, theta_i_deg=theta_i, theta_r_deg=theta_r + 0.0, phi_r_deg=phi_r + 0.0)
+
+
+def _labels_that_split(
+    labels: NDArray[np.object_], geometry: NDArray[np.float64], theta_r_deg: NDArray[np.float64]
+) -> NDArray[np.object_]:
+    """Labels, empty in the geometries that they do not split.
+
+    A geometry of one label keeps it. One of several keeps them where an angle was read more than
+    once and the labels name two readings or more on average.
+    """
+    kept = labels.copy()
+    _, number = np.unique(geometry, axis=0, return_inverse=True)
+    for g in range(int(number.max(initial=-1)) + 1):
+        own = np.flatnonzero(number.ravel() == g)
+        n_labels = len(set(labels[own].tolist()))
+        repeats = np.unique(theta_r_deg[own]).size < own.size
+        if n_labels > 1 and not (repeats and own.size >= 2 * n_labels):
+            kept[own] = ""
+    return kept
 
 
 def name_half_plane(

@@ -26,7 +26,8 @@ ROWS = [
     ("dhr", "s", 10.0, np.nan, 0.10, 0.0, ""),
     ("brdf", "u", 0.0, 0.0, 0.06, 0.0, ""),
     ("brdf", "s", 20.0, 0.0, 0.03, 90.0, ""),
-    ("brdf", "s", 20.0, 0.0, 0.04, 0.0, "b"),
+    ("brdf", "s", 20.0, 10.0, 0.04, 0.0, "b"),
+    ("brdf", "s", 20.0, -10.0, 0.05, 0.0, "b"),
 ]
 
 
@@ -42,13 +43,51 @@ def test_scans_are_ordered_by_incidence_then_polarisation_azimuth_and_label():
     assert [(scan.label, scan.start, scan.stop) for scan in m.scans] == [
         ("u 0 deg", 0, 1),
         ("s 20 deg", 1, 3),
-        ("s 20 deg b", 3, 4),
-        ("s 20 deg phi 90 deg", 4, 5),
-        ("p 20 deg", 5, 6),
+        ("s 20 deg b", 3, 5),
+        ("s 20 deg phi 90 deg", 5, 6),
+        ("p 20 deg", 6, 7),
     ]
-    assert m.brdf.theta_r_deg.tolist() == [0, -10, 10, 0, 0, 5]
-    assert m.brdf.row.tolist() == [8, 5, 4, 10, 9, 3]
-    assert [len(scan) for scan in m.scans] == [1, 2, 1, 1, 1]
+    assert m.brdf.theta_r_deg.tolist() == [0, -10, 10, -10, 10, 0, 5]
+    assert m.brdf.row.tolist() == [8, 5, 4, 11, 10, 9, 3]
+    assert [len(scan) for scan in m.scans] == [1, 2, 2, 1, 1]
+
+
+def scan_rows(theta_i, labels, theta_r=(-10.0, 0.0, 10.0, 20.0), phi=0.0):
+    return [
+        ("brdf", "s", float(a), float(t), 0.01 + 1e-4 * i, float(f), label)
+        for i, (a, t, f, label) in enumerate(
+            zip(*np.broadcast_arrays(theta_i, theta_r, phi), labels, strict=True)
+        )
+    ]
+
+
+def test_encoder_jitter_within_the_tolerance_is_one_geometry():
+    m = build(scan_rows([20.004, 19.997, 20.001, 20.0], [""] * 4))
+    assert [s.label for s in m.scans] == ["s 20 deg"]
+    assert m.brdf.theta_i_deg.tolist() == [20.0] * 4
+    apart = build(scan_rows([20.0, 20.0, 20.06, 20.06], [""] * 4))
+    assert [s.theta_i_deg for s in apart.scans] == [20.0, 20.06]
+    kept = build(scan_rows([20.004, 19.997, 20.001, 20.0], [""] * 4), angle_tolerance_deg=0.0)
+    assert len(kept.scans) == 4
+
+
+def test_azimuths_on_both_sides_of_ninety_degrees_are_one_plane():
+    m = build(scan_rows(20.0, [""] * 4, phi=[90.0, -89.99, 89.99, 90.0]))
+    assert [(s.phi_r_deg, len(s)) for s in m.scans] == [(90.0, 4)]
+    assert m.brdf.theta_r_deg.tolist() == [-10.0, 0.0, 10.0, 20.0]
+
+
+def test_time_stamps_split_nothing_and_labels_split_repeats_only():
+    stamps = [f"10:00:{i:02d}" for i in range(4)]
+    assert [s.label for s in build(scan_rows(20.0, stamps)).scans] == ["s 20 deg"]
+    halves = build(scan_rows(20.0, ["a", "a", "b", "b"]))
+    assert [s.label for s in halves.scans] == ["s 20 deg"]
+    twice = (-10.0, 10.0, -10.0, 10.0)
+    assert [s.label for s in build(scan_rows(20.0, ["a", "a", "b", "b"], twice)).scans] == [
+        "s 20 deg a", "s 20 deg b",
+    ]  # fmt: skip
+    assert len(build(scan_rows(20.0, stamps, twice)).scans) == 1
+    assert [s.label for s in build(scan_rows(20.0, ["run 1"] * 4)).scans] == ["s 20 deg run 1"]
 
 
 def test_dhr_rows_are_ordered_by_polarisation_and_angle():
@@ -74,12 +113,17 @@ def test_repeated_geometries_keep_the_order_of_the_file():
 
 
 def test_many_scan_labels():
-    rows = [("brdf", "s", 0.0, 5.0, 1.0, 0.0, f"{i:05d}") for i in range(MOST_SCANS)]
+    rows = [
+        ("brdf", "s", 0.0, angle, 1.0, 0.0, f"{i:05d}")
+        for i in range(MOST_SCANS)
+        for angle in (5.0, 6.0)
+    ]
     m = build(rows[::-1])
     assert [scan.label for scan in m.scans[:2]] == ["s 0 deg 00000", "s 0 deg 00001"]
     assert len(m.scans) == MOST_SCANS
+    more = [("brdf", "s", 0.0, angle, 1.0, 0.0, "one more") for angle in (5.0, 6.0)]
     with pytest.raises(DataError, match=r"10001 scans in one sample \(allowed: up to 10000\)"):
-        build([*rows, ("brdf", "s", 0.0, 5.0, 1.0, 0.0, "one more")])
+        build([*rows, *more])
 
 
 def test_uncertainty_of_repeats_is_that_of_their_mean():
@@ -104,10 +148,10 @@ def test_select_scans(dhr):
     part = select_scans(m, keep, dhr=dhr)
     assert [(scan.label, scan.start, scan.stop) for scan in part.scans] == [
         ("s 20 deg", 0, 2),
-        ("s 20 deg b", 2, 3),
-        ("s 20 deg phi 90 deg", 3, 4),
+        ("s 20 deg b", 2, 4),
+        ("s 20 deg phi 90 deg", 4, 5),
     ]
-    assert part.brdf.row.tolist() == [5, 4, 10, 9]
+    assert part.brdf.row.tolist() == [5, 4, 11, 10, 9]
     assert len(part.dhr) == (3 if dhr else 0)
     for scan in part.scans:
         assert set(part.brdf.phi_r_deg[scan.rows]) == {scan.phi_r_deg}

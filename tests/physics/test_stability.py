@@ -153,19 +153,15 @@ def test_repeated_scans() -> None:
 
 
 def test_one_point_per_scan() -> None:
-    angles = np.linspace(-60.0, 60.0, 9)
-    values = pb.brdf(GREEN, 30.0, angles, "s")
+    incidences = np.linspace(0.0, 80.0, 9)
     singles = measurement_from_columns(
         sample="simulated", wavelength_um=1.0, quantity=["brdf"] * 9, polarization=["s"] * 9,
-        theta_i_deg=np.full(9, 30.0), theta_r_deg=angles, value=values,
-        scan=[f"point {i}" for i in range(9)],
+        theta_i_deg=incidences, theta_r_deg=np.full(9, 30.0),
+        value=pb.brdf(GREEN, incidences, 30.0, "s"),
     )  # fmt: skip
     assert [len(scan) for scan in singles.scans] == [1] * 9
-    together = scan_of(GREEN, 30.0, "s", angles)
-    # without a gain a scan is only a group of independent rows
-    assert log_likelihood(singles, GREEN) == pytest.approx(
-        log_likelihood(together, GREEN), rel=1e-13
-    )
+    alone = [log_likelihood(scan_of(GREEN, a, "s", np.array([30.0])), GREEN) for a in incidences]
+    assert log_likelihood(singles, GREEN) == pytest.approx(sum(alone), rel=1e-13)
     assert np.isfinite(log_likelihood(singles, GREEN, u_brdf_cal=0.05))
 
 
