@@ -78,6 +78,34 @@ class Diagnostic:
     advice: str = ""
 
 
+@dataclass(frozen=True)
+class Finding:
+    """A mistake of the bench, or of the file, that the readings show.
+
+    Attributes
+    ----------
+    code, sample : str
+        What it is, e.g. ``theta_r_sign``.
+    verdict : {"WARN", "FAIL"}
+    scans : tuple of str
+        Labels of the scans that show it.
+    lines : tuple of int
+        Lines of the file, where single readings show it.
+    size : float or None
+        How large it is; the unit stands in the statement.
+    statement, remedy : str
+    """
+
+    code: str
+    sample: str
+    verdict: str
+    scans: tuple[str, ...]
+    lines: tuple[int, ...]
+    size: float | None
+    statement: str
+    remedy: str
+
+
 def misfit_limit_dex(repeatability_dex: float) -> float:
     """Rms beyond which a fit is worse than the readings repeat; infinite where that is not known.
 

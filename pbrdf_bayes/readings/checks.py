@@ -216,7 +216,7 @@ def _check_dhr_level(dhr: Readings, profiles: tuple[Profile, ...]) -> DataCheck:
     found: list[tuple[float, str]] = []
     for p in profiles:
         reading = _dhr_at(dhr, p.scan)
-        if reading is None or not _shows_its_lobe(p):
+        if reading is None or not shows_its_lobe(p):
             continue
         lower, upper = hemisphere_bracket(p)
         lower, upper = lower / BRACKET_MARGIN[0], upper * BRACKET_MARGIN[1]
@@ -250,7 +250,7 @@ def _dhr_at(dhr: Readings, scan: Scan) -> float | None:
     return reading if reading > 0 else None
 
 
-def _shows_its_lobe(p: Profile) -> bool:
+def shows_its_lobe(p: Profile) -> bool:
     """Tell whether the level of a scan says something about its hemispherical integral.
 
     It does not out of plane, without the specular direction, for a lobe narrower than the step,
