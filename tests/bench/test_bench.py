@@ -19,6 +19,8 @@ from pbrdf_bayes.config import EFFECTS, FRESNEL_AT, LINE_SHAPES, RunConfig
 from pbrdf_bayes.model.simulate import GREEN_PAINT, simulate_measurement
 from pbrdf_bayes.physics.normalisation.plain import incidence, normalisation_integrals, workspace
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 BENCHMARKS = ROOT / "tests" / "benchmarks"
 KEYS = {

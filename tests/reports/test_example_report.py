@@ -9,6 +9,8 @@ from pathlib import Path
 import jsonschema
 import pytest
 
+pytestmark = pytest.mark.slow
+
 FOLDER = Path(__file__).parents[2] / "reports" / "example"
 TRUTH = {"n": 1.526, "k": 0.193, "sigma_n0": 0.4528, "rho0": 0.47}
 

@@ -16,6 +16,8 @@ from pbrdf_bayes.errors import DataError
 from pbrdf_bayes.inference.effects_choice.choose import compare_configs
 from pbrdf_bayes.model.simulate import simulate_measurement
 
+pytestmark = pytest.mark.slow
+
 FOLDER = Path(__file__).parents[2] / "reports" / "fresnel_at"
 
 

@@ -75,6 +75,7 @@ def test_good_data_are_not_called_bad(name: str) -> None:
         assert abs(p["mean"] - value) < 4.0 * p["sd"], key
 
 
+@pytest.mark.slow
 def test_the_factor_of_each_scan_is_told() -> None:
     """Three scans of 2 % noise with known factors: found within 4 standard uncertainties."""
     m = simulated(theta_i_deg=(20.0, 40.0, 60.0), polarizations=["s"])
