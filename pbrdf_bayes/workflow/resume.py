@@ -126,7 +126,6 @@ def history(checkpoints: Checkpoints, summary: Mapping[str, Any]) -> list[str]:
     """Lines of the log: where the run went on from, and the points that the model rejected."""
     lines = [
         f"{stage}: gone on from step {arrays['z'].shape[1]} of a checkpoint"
-        + " (exploring)" * bool(arrays["exploring"])
         for stage, arrays in checkpoints.found.items()
     ]
     rejected = summary["rejected"]
