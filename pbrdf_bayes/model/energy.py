@@ -14,14 +14,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.effects_table import DIFFUSE
 from pbrdf_bayes.errors import DomainError
 from pbrdf_bayes.model.effects import Effects, scene_and_columns
 from pbrdf_bayes.physics.hemispherical import LARGEST_THETA_I_DEG, largest_dhr
 
 Array = NDArray[np.float64]
 
-DIFFUSE = ("lambert", "bulk", "volume", "backscatter")
-"""Effects that add to the DHR of the surface."""
 GRAZING_DEG = LARGEST_THETA_I_DEG
 _ROUNDING = 1e-9
 

@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pbrdf_bayes.effects_table import DIFFUSE, DIFFUSE_PARAMETERS, INSTRUMENT_PARAMETERS
 from pbrdf_bayes.errors import DomainError
-from pbrdf_bayes.model.effects import INSTRUMENT_FIELDS, Effects, given_effects
-from pbrdf_bayes.model.energy import DIFFUSE
+from pbrdf_bayes.model.effects import Effects, given_effects
 from pbrdf_bayes.model.four_parameter import Parameters, brdf
 from pbrdf_bayes.physics.fresnel import surface
 from pbrdf_bayes.physics.scene import NULL
@@ -24,7 +24,6 @@ from pbrdf_bayes.physics.stokes import depolarise, mueller_matrix, phase_cosine,
 
 Array = NDArray[np.float64]
 
-_OF_DIFFUSE = ("asymmetry", "backscatter_width")
 _INCIDENT = {"s": (1.0, 1.0, 0.0), "p": (1.0, -1.0, 0.0), "u": (1.0, 0.0, 0.0)}
 
 
@@ -125,7 +124,7 @@ def mueller(
     cosine = phase_cosine(frames, parameters.n, parameters.k) if phase == "fresnel" else paper
     if not any(getattr(added, name) > 0.0 for name in DIFFUSE):
         return depolarise(mueller_matrix(f_s, f_p, cosine, frames), depolarisation)
-    bare = _of_s_and_p(parameters, angles, _without(added, (*DIFFUSE, *_OF_DIFFUSE)), rtol)
+    bare = _of_s_and_p(parameters, angles, _without(added, DIFFUSE_PARAMETERS), rtol)
     whole = mueller_matrix(*bare, cosine, frames)
     whole += _from_below(parameters, angles, added, (f_s - bare[0], f_p - bare[1]))
     return depolarise(whole, depolarisation)
@@ -133,7 +132,7 @@ def mueller(
 
 def _of_sample(effects: Effects) -> Effects:
     """The effects, refused where one is of the instrument."""
-    for name in INSTRUMENT_FIELDS:
+    for name in INSTRUMENT_PARAMETERS:
         value = getattr(effects, name)
         if value != getattr(NULL, name):
             msg = (

@@ -21,10 +21,10 @@ from pbrdf_bayes.conform.conformity import (
     judge_limits,
     probability_of_not,
 )
+from pbrdf_bayes.effects_table import EFFECT_PARAMETERS
 from pbrdf_bayes.errors import ConfigError, DomainError
 from pbrdf_bayes.io.run_folder import finite_only
 from pbrdf_bayes.model.four_parameter import DOMAIN, MAX_THETA_I_DEG, checked_angles
-from pbrdf_bayes.physics.scene import EffectValues
 from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.specification import Limit, Specification, one_of
 from pbrdf_bayes.verdicts.applicability import APPLIES, DOES_NOT_APPLY
@@ -36,7 +36,7 @@ _MOST_OF_PRIOR = 0.1
 """Share of the prior in a prediction beyond which a verdict on it would be the prior's."""
 _PRIOR_DRAWS = 2000
 _TINY = 1e-300
-PARAMETERS = (*DOMAIN, *EffectValues._fields)
+PARAMETERS = (*DOMAIN, *EFFECT_PARAMETERS)
 """What a limit on a parameter may name."""
 
 
