@@ -16,15 +16,14 @@ from numpy.typing import ArrayLike, NDArray
 from pbrdf_bayes.effects_table import DIFFUSE, DIFFUSE_PARAMETERS, INSTRUMENT_PARAMETERS
 from pbrdf_bayes.errors import DomainError
 from pbrdf_bayes.model.effects import Effects, given_effects
-from pbrdf_bayes.model.four_parameter import Parameters, brdf
+from pbrdf_bayes.model.four_parameter import Parameters, brdf, checked_polarization
 from pbrdf_bayes.physics.fresnel import surface
 from pbrdf_bayes.physics.scene import NULL
 from pbrdf_bayes.physics.scene_stokes import bulk_s1
 from pbrdf_bayes.physics.stokes import depolarise, mueller_matrix, phase_cosine, prepare_frames
+from pbrdf_bayes.quantities import STATES
 
 Array = NDArray[np.float64]
-
-_INCIDENT = {"s": (1.0, 1.0, 0.0), "p": (1.0, -1.0, 0.0), "u": (1.0, 0.0, 0.0)}
 
 
 def mueller(
@@ -221,15 +220,13 @@ def stokes(
     [[0.064165 0.064165 0.      ]
      [0.005193 0.005193 0.      ]]
     """
-    if polarization not in _INCIDENT:
-        msg = f"polarization = {polarization!r} is not known. Allowed: 's', 'p', 'u'"
-        raise DomainError(msg)
+    share_s, share_p = STATES[checked_polarization(polarization)].weights
     matrix = mueller(
         parameters, theta_i_deg, theta_r_deg,
         phi_r_deg=phi_r_deg, phase=phase, depolarisation=depolarisation, effects=effects,
         rtol=rtol,
     )  # fmt: skip
-    return np.asarray(matrix @ np.array(_INCIDENT[polarization]))
+    return np.asarray(matrix @ np.array((1.0, share_s - share_p, 0.0)))
 
 
 def degree_of_linear_polarization(stokes_vectors: ArrayLike) -> Array:

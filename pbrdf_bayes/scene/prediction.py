@@ -41,6 +41,7 @@ from pbrdf_bayes.physics.scattering import evaluate_with_effects
 from pbrdf_bayes.physics.scene import FIELDS, NULL, make_scene
 from pbrdf_bayes.physics.scene_stokes import bulk_s1, of_surface
 from pbrdf_bayes.physics.stokes import prepare_frames
+from pbrdf_bayes.quantities import S_AND_P, STATES
 from pbrdf_bayes.results import Analysis, drawn_sets
 from pbrdf_bayes.scene.axial import axial_quantiles, mirrored
 from pbrdf_bayes.scenes import Scene, SceneValues
@@ -385,10 +386,11 @@ def _stokes(
     frames = prepare_frames(np.broadcast_to(theta_i, angles.shape), angles, np.deg2rad(phi_r))
     of_facets = total
     if set(DIFFUSE) & set(model.names):
-        bare = _brdf(model.without(DIFFUSE), np.rad2deg(theta_i[0]), theta_r, phi_r, ("s", "p"))
+        bare = _brdf(model.without(DIFFUSE), np.rad2deg(theta_i[0]), theta_r, phi_r, S_AND_P)
         of_facets = bare[:, 0], bare[:, 1]
     below_s, below_p = (a - b for a, b in zip(total, of_facets, strict=True))
-    below = {"s": below_s, "p": below_p, "u": 0.5 * (below_s + below_p)}[incident]
+    share_s, share_p = STATES[incident].weights
+    below = share_s * below_s + share_p * below_p
     found = np.empty((len(model.x), 3, angles.size))
     bulk = model.names.index("bulk") if "bulk" in model.names else None
     for i, x in enumerate(model.x):
