@@ -13,6 +13,7 @@ from pbrdf_bayes.physics.elementary import log
 from pbrdf_bayes.physics.equations import FourParameters, dhr, lobe_across, lobe_along
 from pbrdf_bayes.physics.fresnel import lobes, surface
 from pbrdf_bayes.physics.normalisation.plain import Incidence, workspace
+from pbrdf_bayes.quantities import S_AND_P
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -103,7 +104,7 @@ class PlainLikelihood:
         paint = FourParameters(*x[:4].tolist())
         total = 0.0
         for j, scan in enumerate(measurement.scans):
-            q = "sp".index(scan.polarization)
+            q = S_AND_P.index(scan.polarization)
             alpha_i = float(np.sin(np.deg2rad(scan.theta_i_deg)))
             alpha = np.sin(np.deg2rad(measurement.brdf.theta_r_deg[scan.rows]))
             across = lobe_across(1 - q, self.beta, paint)

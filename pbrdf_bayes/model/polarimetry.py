@@ -21,7 +21,7 @@ from pbrdf_bayes.physics.fresnel import surface
 from pbrdf_bayes.physics.scene import NULL
 from pbrdf_bayes.physics.scene_stokes import bulk_s1
 from pbrdf_bayes.physics.stokes import depolarise, mueller_matrix, phase_cosine, prepare_frames
-from pbrdf_bayes.quantities import STATES
+from pbrdf_bayes.quantities import S_AND_P, STATES
 
 Array = NDArray[np.float64]
 
@@ -153,7 +153,7 @@ def _of_s_and_p(
     theta_i, theta_r, phi_r = angles
     f_s, f_p = (
         brdf(parameters, theta_i, theta_r, q, phi_r_deg=phi_r, effects=effects, rtol=rtol)
-        for q in "sp"
+        for q in S_AND_P
     )
     return f_s, f_p
 

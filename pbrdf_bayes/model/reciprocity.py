@@ -23,6 +23,7 @@ from pbrdf_bayes.model.four_parameter import (
 )
 from pbrdf_bayes.physics.directions import prepare_directions
 from pbrdf_bayes.physics.reciprocal import Scale, scale_at, shape, solve_scale
+from pbrdf_bayes.quantities import S_AND_P
 
 Array = NDArray[np.float64]
 
@@ -74,7 +75,7 @@ def reciprocity_defect(
     a, b = np.asarray(theta_a_deg, np.float64), np.asarray(theta_b_deg, np.float64)
     check_directions(theta_i_deg=np.abs(b))
     pairs = []
-    for q in "sp":
+    for q in S_AND_P:
         there = brdf(parameters, a, b, q, effects=effects, rtol=rtol)
         back = brdf(parameters, np.abs(b), np.copysign(a, b), q, effects=effects, rtol=rtol)
         pairs.append(there / np.where(back > 0.0, back, np.nan))
