@@ -17,7 +17,8 @@ ROOT = Path(pbrdf_bayes.__file__).parent
 PACKAGE = ROOT.name
 
 LAYERS: tuple[tuple[str, ...], ...] = (
-    ("errors", "physics"),
+    ("errors", "effects_table", "quantities"),
+    ("physics",),
     ("config", "measurement", "results", "verdict"),
     ("scenes", "specification", "document"),
     ("model",),

@@ -14,6 +14,7 @@ from math import isnan, log
 import numpy as np
 
 from pbrdf_bayes.measurement import Measurement, Readings, Scan
+from pbrdf_bayes.quantities import S_AND_P
 from pbrdf_bayes.readings.scan_statistics import (
     Profile,
     covers_specular,
@@ -237,7 +238,7 @@ def _check_dhr_level(dhr: Readings, profiles: tuple[Profile, ...]) -> DataCheck:
 
 def _dhr_at(dhr: Readings, scan: Scan) -> float | None:
     """DHR at the incidence and polarisation of a scan, interpolated; None where not near."""
-    polarizations = ("s", "p") if scan.polarization == "u" else (scan.polarization,)
+    polarizations = S_AND_P if scan.polarization == "u" else (scan.polarization,)
     own = dhr.polarization == scan.polarization
     groups = [own] if np.any(own) else [dhr.polarization == q for q in polarizations]
     readings = []

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from pbrdf_bayes.quantities import QUANTITIES
 from pbrdf_bayes.report.numbers import (
     MISSING,
     THIN,
@@ -27,7 +28,6 @@ _LEADS = {
     "REJECT": "The sample is rejected as not conforming with {}",
     "UNDECIDED": "Conformity with {} is undecided",
 }
-_NAMES = {"dhr": "DHR", "brdf": "BRDF", "brdf_ratio": "BRDF s/p"}
 
 
 def conformity_text(summary: Record) -> str:
@@ -216,7 +216,7 @@ def what_text(limit: Record, summary: Record) -> str:
         known = summary["parameters"].get(limit["parameter"])
         name = known["symbol"] if known else limit["parameter"]
     else:
-        name = f"{_NAMES[limit['quantity']]} {limit['polarization']}".strip()
+        name = f"{QUANTITIES[limit['quantity']].name} {limit['polarization']}".strip()
         name += f", {_angles('θᵢ', limit['theta_i_deg'])}"
         if limit["theta_r_deg"]:
             name += f", {_angles('θᵣ', limit['theta_r_deg'])}"

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.effects_table import INSTRUMENT_PARAMETERS
 from pbrdf_bayes.errors import DomainError
 from pbrdf_bayes.inference.parameters.table import PHYSICAL
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.measurement import Measurement
-from pbrdf_bayes.model.effects import INSTRUMENT_FIELDS
 from pbrdf_bayes.model.four_parameter import Parameters
 from pbrdf_bayes.physics.geometry import prepare_geometry
 from pbrdf_bayes.physics.scene import NULL
@@ -119,7 +119,7 @@ def of_sample_alone(posterior: Posterior, draws: Array) -> Array:
     """Draws, shape (n_draws, n_par), with the effects of the instrument at their null values."""
     x = draws.copy()
     for column, name in enumerate(posterior.parameter_names):
-        if name in INSTRUMENT_FIELDS:
+        if name in INSTRUMENT_PARAMETERS:
             x[:, column] = getattr(NULL, name)
     return x
 

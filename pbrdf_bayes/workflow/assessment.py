@@ -21,10 +21,11 @@ from pbrdf_bayes.conform.conformity import (
     judge_limits,
     probability_of_not,
 )
+from pbrdf_bayes.effects_table import EFFECT_PARAMETERS
 from pbrdf_bayes.errors import ConfigError, DomainError
 from pbrdf_bayes.io.run_folder import finite_only
 from pbrdf_bayes.model.four_parameter import DOMAIN, MAX_THETA_I_DEG, checked_angles
-from pbrdf_bayes.physics.scene import EffectValues
+from pbrdf_bayes.quantities import QUANTITIES
 from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.specification import Limit, Specification, one_of
 from pbrdf_bayes.verdicts.applicability import APPLIES, DOES_NOT_APPLY
@@ -36,7 +37,7 @@ _MOST_OF_PRIOR = 0.1
 """Share of the prior in a prediction beyond which a verdict on it would be the prior's."""
 _PRIOR_DRAWS = 2000
 _TINY = 1e-300
-PARAMETERS = (*DOMAIN, *EffectValues._fields)
+PARAMETERS = (*DOMAIN, *EFFECT_PARAMETERS)
 """What a limit on a parameter may name."""
 
 
@@ -236,7 +237,7 @@ def _reservation(limit: Limit, sample: Sample) -> str:
     if applicability != APPLIES:
         if limit.quantity == "parameter":
             return "the model is descriptive only: its parameters are no properties of the sample"
-        if limit.quantity == "dhr" or sample.posterior.discrepancy is None:
+        if QUANTITIES[limit.quantity].hemispherical or sample.posterior.discrepancy is None:
             return "the model is descriptive only, and what it misses here is not known"
     return "" if summary["verdict"] != "FAIL" else "the fit failed its checks (verdict FAIL)"
 
@@ -295,7 +296,7 @@ def _limit_record(limit: Limit, found: Judged) -> dict[str, Any]:
         "producer_risk": found.producer_risk,
         "worst": found.worst,
         "theta_i_deg": theta_i,
-        "theta_r_deg": theta_r if limit.quantity not in ("parameter", "dhr") else [],
+        "theta_r_deg": theta_r if limit.theta_r_deg else [],
         "mean": found.mean.tolist(),
         "u": found.sd.tolist(),
         "q025": found.low.tolist(),

@@ -35,10 +35,11 @@ from pbrdf_bayes.inference.prediction.residuals import (
     lag1_of,
     row_weights,
 )
-from pbrdf_bayes.measurement import POLARIZATIONS, Scan
+from pbrdf_bayes.measurement import Scan
 from pbrdf_bayes.model.four_parameter import DOMAIN
 from pbrdf_bayes.physics.brdf import TINY, evaluate
 from pbrdf_bayes.physics.geometry import prepare_geometry
+from pbrdf_bayes.quantities import POLARIZATIONS
 from pbrdf_bayes.results import QUANTILES
 
 Array = NDArray[np.float64]

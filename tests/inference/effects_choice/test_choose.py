@@ -18,7 +18,7 @@ from pbrdf_bayes import (
     simulate_measurement,
 )
 from pbrdf_bayes import brdf as brdf_of
-from pbrdf_bayes.config import INSTRUMENT_EFFECTS
+from pbrdf_bayes.effects_table import INSTRUMENT_EFFECTS
 from pbrdf_bayes.inference.effects_choice import choose as choosing
 from pbrdf_bayes.inference.effects_choice.candidates import grown
 from pbrdf_bayes.inference.effects_choice.choose import choose_effects
