@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from pbrdf_bayes.batch.plan import Job
-from pbrdf_bayes.io.run_folder import finite_only
 from pbrdf_bayes.measurement import Measurement
+from pbrdf_bayes.records.values import plain
 
 DONE, FAILED, SKIPPED = "done", "failed", "skipped"
 """What became of a sample; skipped: fitted by an earlier batch, a repeat, or not reached."""
@@ -80,7 +80,7 @@ def finished_row(job: Job, summary: Mapping[str, Any], *, status: str, seconds: 
             if record["kind"] != "nuisance"
         },
     )  # fmt: skip
-    found: Row = finite_only(row)
+    found: Row = plain(row)
     return found
 
 

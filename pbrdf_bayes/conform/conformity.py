@@ -34,6 +34,7 @@ from scipy.special import betaincinv
 
 from pbrdf_bayes.config import ACCURACIES
 from pbrdf_bayes.inference.arviz_adapter import ess_of_mean
+from pbrdf_bayes.records.summary import Probability
 from pbrdf_bayes.specification import DecisionRule
 
 Array = NDArray[np.float64]
@@ -45,29 +46,6 @@ _OUTSIDE = 0.025
 ESS_FINEST = float(ACCURACIES["reference"].ess_target)
 """Effective draws of a fit of the highest accuracy, at least."""
 _RESERVED = "a limit that cannot be judged is left out of what is known"
-
-
-@dataclass(frozen=True)
-class Probability:
-    """A probability counted on draws.
-
-    Attributes
-    ----------
-    value : float
-    u : float
-        Monte Carlo standard error; 0 where no draw or every draw counts, and then `low` or `high`
-        is what is known.
-    low, high : float
-        95 % Clopper-Pearson limits at the effective number of draws.
-    ess : float
-        Effective number of draws.
-    """
-
-    value: float
-    u: float
-    low: float
-    high: float
-    ess: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
-from math import isnan, log
+from math import isnan, log, nan
 
 import numpy as np
 
@@ -77,8 +77,8 @@ class DataCheck:
         Identifier, and what the check asks.
     verdict : {"PASS", "WARN", "FAIL", "SKIP"}
         ``SKIP`` where the measurement has not what the check needs.
-    value, threshold : float or None
-        Number compared and limit beyond which the verdict is not PASS; None where there is none.
+    value, threshold : float
+        Number compared and limit beyond which the verdict is not PASS; NaN where there is none.
     unit : str
         Unit of both.
     statement : str
@@ -90,8 +90,8 @@ class DataCheck:
     name: str
     title: str
     verdict: str
-    value: float | None
-    threshold: float | None
+    value: float
+    threshold: float
     unit: str
     statement: str
     advice: str
@@ -148,7 +148,7 @@ TITLES = {
 
 def _skip(name: str, reason: str) -> DataCheck:
     """Outcome of a check that the measurement gives no occasion for."""
-    return DataCheck(name, TITLES[name], "SKIP", None, None, LIMITS[name].unit, reason, "")
+    return DataCheck(name, TITLES[name], "SKIP", nan, nan, LIMITS[name].unit, reason, "")
 
 
 def _judge(
@@ -158,7 +158,7 @@ def _judge(
     limit = LIMITS[name]
     warn = max(limit.warn, at_least)
     verdict = "FAIL" if value > max(limit.fail, warn) else "WARN" if value > warn else "PASS"
-    threshold = warn if np.isfinite(warn) else None
+    threshold = warn if np.isfinite(warn) else nan
     advice = "" if verdict == "PASS" else advice
     return DataCheck(name, TITLES[name], verdict, value, threshold, limit.unit, statement, advice)
 

@@ -12,6 +12,7 @@ from pbrdf_bayes.inference.parameters.table import PHYSICAL
 from pbrdf_bayes.inference.prediction.holdout import Holdout
 from pbrdf_bayes.inference.prediction.residuals import weight_beside_floor
 from pbrdf_bayes.measurement import Measurement
+from pbrdf_bayes.records.summary import Applicability
 from pbrdf_bayes.verdict import (
     CONTRACTION_WARN,
     FAIL,
@@ -35,39 +36,6 @@ _LOOK = (
     "No effect that was tried explains the rest: look at the residuals for the angle at which the "
     "misfit starts."
 )
-
-
-@dataclass(frozen=True)
-class Applicability:
-    """Verdict on the model as a description of the material.
-
-    Attributes
-    ----------
-    verdict : {"applies", "descriptive only", "does not apply"}
-    reasons : tuple of str
-        What speaks against it, with the numbers; empty where nothing does.
-    statement, advice : str
-    limit_dex : float
-        Rms beyond which the model is descriptive only [dex].
-    repeatability_dex : float
-        How well a reading repeats [dex]; NaN where that is not known.
-    repeatability : str
-        Where that is known from.
-    held_out : str
-        How angles that were left out are predicted, or why none was.
-    caveats : tuple of str
-        What the verdict does not cover, in sentences: what was not tested, what was assumed.
-    """
-
-    verdict: str
-    reasons: tuple[str, ...]
-    statement: str
-    advice: str
-    limit_dex: float
-    repeatability_dex: float
-    repeatability: str
-    held_out: str
-    caveats: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

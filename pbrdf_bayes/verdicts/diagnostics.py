@@ -27,6 +27,7 @@ from pbrdf_bayes.inference.prediction.residuals import Residuals, effective_shar
 from pbrdf_bayes.inference.rejected import Rejected, together
 from pbrdf_bayes.inference.sampling.power_scaling import PriorSensitivity
 from pbrdf_bayes.inference.sampling.sampling import AUTOCORRELATION_TIMES, RHAT_LIMIT, Draws
+from pbrdf_bayes.records.summary import Applicability, DiscrepancySize
 from pbrdf_bayes.verdict import (
     CONTRACTION_WARN,
     COVERAGE_CHANCE,
@@ -44,14 +45,10 @@ from pbrdf_bayes.verdict import (
     grade,
     misfit_limit_dex,
 )
-from pbrdf_bayes.verdicts.applicability import (
-    Applicability,
-    Repeatability,
-    applicability_diagnostic,
-)
+from pbrdf_bayes.verdicts.applicability import Repeatability, applicability_diagnostic
 from pbrdf_bayes.verdicts.common_misfit import CommonMisfit, judge_common
 from pbrdf_bayes.verdicts.dhr_misfit import judge_dhr
-from pbrdf_bayes.verdicts.discrepancy_size import DiscrepancySize, judge_size
+from pbrdf_bayes.verdicts.discrepancy_size import judge_size
 from pbrdf_bayes.verdicts.predictive_checks import (
     judge_families,
     judge_prior,

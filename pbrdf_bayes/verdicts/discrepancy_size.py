@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import exp, log
 
 import numpy as np
@@ -13,6 +12,7 @@ from pbrdf_bayes.inference.optimum.laplace import laplace_mixture
 from pbrdf_bayes.inference.optimum.map_fit import find_map
 from pbrdf_bayes.inference.parameters.table import DISCREPANCY
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
+from pbrdf_bayes.records.summary import DiscrepancySize
 from pbrdf_bayes.verdict import (
     DISCREPANCY_FAIL,
     DISCREPANCY_WARN,
@@ -25,35 +25,6 @@ from pbrdf_bayes.verdict import (
 Array = NDArray[np.float64]
 
 _N_STARTS = 4
-
-
-@dataclass(frozen=True)
-class DiscrepancySize:
-    """What a correlated misfit came to, and what independent readings would have claimed.
-
-    Attributes
-    ----------
-    tau, ell_deg : float
-        Posterior medians of amplitude [1, in ln BRDF] and length [deg].
-    span_deg : float
-        Longest scan [deg].
-    white_noise : float
-        Posterior median of the relative white noise, the largest of the polarisations [1].
-    size_dex, size_percent : float
-        The amplitude once more, in log10 BRDF and in per cent of the BRDF.
-    sd, sd_if_independent : mapping of str to float
-        Standard deviation of each physical parameter, and what the likelihood of independent
-        readings would have claimed (at its optimum, by Laplace's method).
-    """
-
-    tau: float
-    ell_deg: float
-    span_deg: float
-    white_noise: float
-    size_dex: float
-    size_percent: float
-    sd: Mapping[str, float]
-    sd_if_independent: Mapping[str, float]
 
 
 def measure_discrepancy(posterior: Posterior, draws: Array, *, seed: int) -> DiscrepancySize | None:

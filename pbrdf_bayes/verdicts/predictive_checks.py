@@ -8,8 +8,9 @@ import numpy as np
 from scipy.special import ndtri
 
 from pbrdf_bayes.inference.prediction.holdout import Holdout
-from pbrdf_bayes.inference.prediction.leave_one_out import Influential, LeaveOneOut, ScanPit
+from pbrdf_bayes.inference.prediction.leave_one_out import LeaveOneOut
 from pbrdf_bayes.inference.sampling.power_scaling import PriorSensitivity
+from pbrdf_bayes.records.summary import Influential, ScanPit
 from pbrdf_bayes.verdict import (
     COVERAGE_WARN,
     DISPLACED,

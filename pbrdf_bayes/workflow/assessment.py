@@ -6,9 +6,8 @@ the two have in common: they would cancel in a difference, which is so stated to
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -22,9 +21,10 @@ from pbrdf_bayes.conform.conformity import (
     probability_of_not,
 )
 from pbrdf_bayes.errors import ConfigError, DomainError
-from pbrdf_bayes.io.run_folder import finite_only
 from pbrdf_bayes.model.four_parameter import DOMAIN, MAX_THETA_I_DEG, checked_angles
 from pbrdf_bayes.physics.scene import EffectValues
+from pbrdf_bayes.records.summary import Conformity, LimitVerdict, Rule, RunIdentity
+from pbrdf_bayes.records.values import plain
 from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.specification import Limit, Specification, one_of
 from pbrdf_bayes.verdicts.applicability import APPLIES, DOES_NOT_APPLY
@@ -77,7 +77,7 @@ def assess_conformity(
     Returns
     -------
     dict
-        Plain values; its schema is in ``pbrdf_bayes/io/summary.schema.json``.
+        Plain values of `pbrdf_bayes.records.summary.Conformity`.
 
     Raises
     ------
@@ -111,7 +111,8 @@ def assess_conformity(
         measurands, specification.decision, ess_least=ess, ess_finest=finest
     )
     record = _record(sample, specification, judged, overall, reference)
-    return dict(finite_only(record))
+    content: dict[str, Any] = plain(record)
+    return content
 
 
 def check_reference_wanted(specification: Specification | None, *, given: bool) -> None:
@@ -248,58 +249,59 @@ def _of_reference(reason: str) -> str:
 def _record(
     sample: Sample, specification: Specification, judged: tuple[Judged, ...], overall: Overall,
     reference: Analysis | None,
-) -> dict[str, Any]:  # fmt: skip
+) -> Conformity:  # fmt: skip
     rows = zip(specification.limits, judged, strict=True)
     with_paths = "tau" in sample.posterior.parameter_names
-    return {
-        "specification": specification.title,
-        "decision_rule": asdict(specification.decision),
-        "verdict": overall.verdict,
-        "reason": overall.reason,
-        "remark": overall.remark,
-        "probability": asdict(overall.probability),
-        "consumer_risk": overall.consumer_risk,
-        "producer_risk": overall.producer_risk,
-        "n_draws": len(sample.x),
-        "discrepancy": with_paths,
-        "reference": None if reference is None else {
-            "sample": reference.summary["sample"], "verdict": reference.summary["verdict"],
-            "created_utc": reference.summary["created_utc"],
-            "sha256": reference.summary["input"]["sha256"],
-        },
-        "limits": [_limit_record(limit, found) for limit, found in rows],
-    }  # fmt: skip
+    return Conformity(
+        specification=specification.title,
+        decision_rule=Rule(**asdict(specification.decision)),
+        verdict=overall.verdict,
+        reason=overall.reason,
+        remark=overall.remark,
+        probability=overall.probability,
+        consumer_risk=overall.consumer_risk,
+        producer_risk=overall.producer_risk,
+        n_draws=len(sample.x),
+        discrepancy=with_paths,
+        reference=None if reference is None else _identify(reference.summary),
+        limits=tuple(_limit_record(limit, found) for limit, found in rows),
+    )  # fmt: skip
 
 
-def _limit_record(limit: Limit, found: Judged) -> dict[str, Any]:
-    exceeds = asdict(probability_of_not(found.probability))
+def _identify(summary: Mapping[str, Any]) -> RunIdentity:
+    keys = ("sample", "verdict", "created_utc")
+    return RunIdentity(sha256=summary["input"]["sha256"], **{key: summary[key] for key in keys})
+
+
+def _limit_record(limit: Limit, found: Judged) -> LimitVerdict:
+    exceeds = probability_of_not(found.probability)
     theta_i = np.repeat(limit.theta_i_deg, max(len(limit.theta_r_deg), 1)).tolist()
     theta_r = np.tile(limit.theta_r_deg, max(len(limit.theta_i_deg), 1)).tolist()
-    return {
-        "name": limit.name,
-        "quantity": limit.quantity,
-        "parameter": limit.parameter,
-        "polarization": limit.polarization,
-        "phi_r_deg": limit.phi_r_deg,
-        "difference": limit.difference,
-        "unit": limit.unit,
-        "lower": limit.lower if isfinite(limit.lower) else None,
-        "upper": limit.upper if isfinite(limit.upper) else None,
-        "verdict": found.verdict,
-        "reason": found.reason,
-        "remark": found.remark,
-        "judged": found.judged,
-        "probability": asdict(found.probability),
-        "probability_exceeds": exceeds if limit.difference else None,
-        "consumer_risk": found.consumer_risk,
-        "producer_risk": found.producer_risk,
-        "worst": found.worst,
-        "theta_i_deg": theta_i,
-        "theta_r_deg": theta_r if limit.quantity not in ("parameter", "dhr") else [],
-        "mean": found.mean.tolist(),
-        "u": found.sd.tolist(),
-        "q025": found.low.tolist(),
-        "q975": found.high.tolist(),
-        "inside": found.inside.tolist(),
-        "guard": found.guard.tolist(),
-    }
+    return LimitVerdict(
+        name=limit.name,
+        quantity=limit.quantity,
+        parameter=limit.parameter,
+        polarization=limit.polarization,
+        phi_r_deg=limit.phi_r_deg,
+        difference=limit.difference,
+        unit=limit.unit,
+        lower=limit.lower,
+        upper=limit.upper,
+        verdict=found.verdict,
+        reason=found.reason,
+        remark=found.remark,
+        judged=found.judged,
+        probability=found.probability,
+        probability_exceeds=exceeds if limit.difference else None,
+        consumer_risk=found.consumer_risk,
+        producer_risk=found.producer_risk,
+        worst=found.worst,
+        theta_i_deg=theta_i,
+        theta_r_deg=theta_r if limit.quantity not in ("parameter", "dhr") else [],
+        mean=found.mean.tolist(),
+        u=found.sd.tolist(),
+        q025=found.low.tolist(),
+        q975=found.high.tolist(),
+        inside=found.inside.tolist(),
+        guard=found.guard.tolist(),
+    )

@@ -16,6 +16,7 @@ from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.prediction.holdout import Holdout
 from pbrdf_bayes.inference.prediction.residuals import Residuals
 from pbrdf_bayes.inference.sampling.sampling import Draws
+from pbrdf_bayes.records.summary import DiscrepancySize
 from pbrdf_bayes.verdict import Diagnostic, overall_verdict
 from pbrdf_bayes.verdicts.applicability import Repeatability
 from pbrdf_bayes.verdicts.common_misfit import CommonMisfit
@@ -24,7 +25,6 @@ from pbrdf_bayes.verdicts.diagnostics import (
     assess_identifiability,
     run_diagnostics,
 )
-from pbrdf_bayes.verdicts.discrepancy_size import DiscrepancySize
 
 Array = NDArray[np.float64]
 NAMES = ("n", "k", "sigma_n0", "rho0")

@@ -36,7 +36,6 @@ from pbrdf_bayes.inference.effects_choice.candidates import (
     nothing_left_out,
     of_other_shapes,
 )
-from pbrdf_bayes.inference.effects_choice.records import EffectsChoice, Scored
 from pbrdf_bayes.inference.optimum.bounds import at_bound
 from pbrdf_bayes.inference.optimum.map_fit import climb, coordinate_bounds, find_map
 from pbrdf_bayes.inference.parameters.effects import with_own_priors
@@ -47,6 +46,7 @@ from pbrdf_bayes.inference.prediction.holdout_cases import Case, list_cases
 from pbrdf_bayes.inference.prediction.residuals import calibrated_residuals
 from pbrdf_bayes.inference.prior_support import possible_samples
 from pbrdf_bayes.measurement import Measurement, select_scans
+from pbrdf_bayes.records.summary import EffectsChoice, Scored
 
 Array = NDArray[np.float64]
 
