@@ -28,6 +28,7 @@ NOT_CONSTANTS = (
     "The parameters are fitted numbers, not material constants, and their uncertainties are not "
     "valid as such."
 )
+LOCAL_NORMAL = "local normal approximation"
 _LOOK_WHERE = "Look at the residuals for the angle at which the misfit starts."
 
 OF_READINGS = {
@@ -45,7 +46,7 @@ OF_READINGS = {
     ),
     "dhr_level": Words(
         "BRDF level is consistent with the DHR", "factor",
-        "{scans} can be compared with a DHR reading. The farthest is {label}: its DHR is "
+        "{compared} compared with a DHR reading. The farthest is {label}: its DHR is "
         "{dhr:.3g}, and the scan gives {low:.2g} to {high:.2g}.",
         "Check the units: DHR is a fraction; BRDF is per steradian, not multiplied by pi or "
         "cos(theta_r). Check the reference of both instruments. brdf_scale = 'relative' fits the "
@@ -221,6 +222,8 @@ PHRASES = {
     "goniometer.",
     "dhr_level.skip": "No scan and DHR reading of one polarisation can be compared.",
     "spikes.skip": "No scan has {least} points or more.",
+    "spikes.one": "{label}, theta_r {theta_r:.6g} deg ({size:+.2f} dex)",
+    "spikes.line": "line {row}, {label}, theta_r {theta_r:.6g} deg ({size:+.2f} dex)",
     "coverage.skip": "No BRDF scan lies in the plane of incidence.",
     "coverage.out_of_plane": " {n} out of the plane of incidence do not count.",
     "coverage.missed": " The specular direction is missing in {labels}.",
@@ -355,6 +358,7 @@ PHRASES = {
     f"{{verdict}}). {NOT_CONSTANTS} This design holds for these numbers only.",
     "design.fail": "The verdict of the fit is FAIL. Its report names the failed checks. This "
     "design holds for these draws only.",
+    "design.ddr": "fit does not read DDR yet",
     # conformity
     "conform.accept": "The sample is accepted as conforming with {name}",
     "conform.reject": "The sample is rejected as not conforming with {name}",
@@ -407,6 +411,17 @@ def counted(n: int, noun: str) -> str:
     ('1 scan', '2 other scans', 'no isolated points')
     """
     return f"{n or 'no'} {noun}{'s' * (n != 1)}"
+
+
+def listed(words: Sequence[str]) -> str:
+    """Words with commas and an ``and``.
+
+    Examples
+    --------
+    >>> listed(["n", "k", "rho0"]), listed(["n"])
+    ('n, k and rho0', 'n')
+    """
+    return f"{', '.join(words[:-1])} and {words[-1]}" if len(words) > 1 else words[0]
 
 
 def judged(

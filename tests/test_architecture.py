@@ -19,7 +19,7 @@ PACKAGE = ROOT.name
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "physics"),
     ("config", "measurement", "records", "results", "verdict"),
-    ("scenes", "specification", "document"),
+    ("scenes", "specification", "document", "words"),
     ("model",),
     ("readings", "scene", "inference", "io", "report"),
     ("verdicts", "conform", "design"),

@@ -52,20 +52,21 @@ class Check(Judgement):
     lines: tuple[Whole, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Finding:
-    """What is wrong or odd about the readings of a sample.
+    """A mistake of the bench or of the file, or something odd, that the readings show.
 
     Attributes
     ----------
-    code : str
-        `Check.name` of the check that found it.
-    sample : str
+    code, sample : str
+        What it is, e.g. ``theta_r_sign``; or `Check.name` of the check that found it.
     verdict : {"PASS", "WARN", "FAIL"}
     scans : tuple of str
+        Labels of the scans that show it.
     lines : tuple of int
-    size : float
-        In the unit of the check; NaN where it has none.
+        Lines of the file, where single readings show it.
+    size : float or None
+        How large it is; the unit stands in the statement.
     statement, remedy : str
     """
 
@@ -74,7 +75,7 @@ class Finding:
     verdict: Judged
     scans: tuple[str, ...]
     lines: tuple[Whole, ...]
-    size: Number
+    size: float | None
     statement: str
     remedy: str
 

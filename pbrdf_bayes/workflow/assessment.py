@@ -28,6 +28,7 @@ from pbrdf_bayes.records.values import plain
 from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.specification import Limit, Specification, one_of
 from pbrdf_bayes.verdicts.applicability import APPLIES, DOES_NOT_APPLY
+from pbrdf_bayes.words import say
 from pbrdf_bayes.workflow.measurands import Sample, draw_measurands, sample_of
 
 Array = NDArray[np.float64]
@@ -187,7 +188,7 @@ def _reservations(limits: Sequence[Limit], sample: Sample) -> dict[str, str]:
     ]  # fmt: skip
     predicted = [limit for limit in limits if limit.quantity != "parameter"]
     shares = prior_shares(sample, predicted) if unclear and predicted else {}
-    words = f"the readings do not identify {', '.join(unclear)}: the prior would decide"
+    words = say("conform.not_identified", name=", ".join(unclear))
     return {
         limit.name: _reservation(limit, sample)
         or (words if shares.get(limit.name, 0.0) > _MOST_OF_PRIOR else "")
@@ -223,27 +224,27 @@ def _reservation(limit: Limit, sample: Sample) -> str:
     summary = sample.analysis.summary
     applicability = summary["applicability"]["verdict"]
     if summary["status"] != "done":
-        return "the sampler did not converge"
+        return say("conform.not_converged")
     if applicability == DOES_NOT_APPLY:
-        return "the model does not apply to this sample"
+        return say("conform.does_not_apply")
     if limit.quantity == "parameter":
         row = summary["parameters"].get(limit.parameter)
         if row is None:
-            return f"{limit.parameter} is no parameter of this fit"
+            return say("conform.no_parameter", name=limit.parameter)
         if row["kind"] == "fixed":
-            return f"{limit.parameter} was held fixed, not measured"
+            return say("conform.fixed", name=limit.parameter)
         if not row["identified"]:
-            return f"the readings do not identify {limit.parameter}: the prior would decide"
+            return say("conform.not_identified", name=limit.parameter)
     if applicability != APPLIES:
         if limit.quantity == "parameter":
-            return "the model is descriptive only: its parameters are no properties of the sample"
+            return say("conform.no_properties")
         if limit.quantity == "dhr" or sample.posterior.discrepancy is None:
-            return "the model is descriptive only, and what it misses here is not known"
-    return "" if summary["verdict"] != "FAIL" else "the fit failed its checks (verdict FAIL)"
+            return say("conform.misfit_unknown")
+    return "" if summary["verdict"] != "FAIL" else say("conform.failed")
 
 
 def _of_reference(reason: str) -> str:
-    return f"reference: {reason}" if reason else ""
+    return say("conform.reference", reason=reason) if reason else ""
 
 
 def _record(

@@ -47,7 +47,8 @@ from pbrdf_bayes.io.checkpoint import Checkpoints, open_checkpoints, remove_chec
 from pbrdf_bayes.io.config_toml import config_to_toml
 from pbrdf_bayes.io.tidy_csv import read_measurement
 from pbrdf_bayes.measurement import Measurement
-from pbrdf_bayes.readings.checks import DataCheck, check_measurement
+from pbrdf_bayes.readings.checks import check_measurement
+from pbrdf_bayes.records.checks import Check
 from pbrdf_bayes.records.summary import EffectsChoice
 from pbrdf_bayes.report.page import render_report
 from pbrdf_bayes.results import N_BAND_DRAWS, Analysis
@@ -163,7 +164,7 @@ def _chosen_effects(
 
 
 def _fit_posterior(
-    posterior: Posterior, checks: tuple[DataCheck, ...], seed: int, clock: _Clock,
+    posterior: Posterior, checks: tuple[Check, ...], seed: int, clock: _Clock,
     checkpoints: Checkpoints | None = None, choice: EffectsChoice | None = None,
 ) -> Analysis:  # fmt: skip
     config = posterior.config

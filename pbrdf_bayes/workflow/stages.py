@@ -17,14 +17,13 @@ from pbrdf_bayes.inference.prediction.residuals import Residuals
 from pbrdf_bayes.inference.prediction.scan_widths import ScanWidths
 from pbrdf_bayes.inference.sampling.power_scaling import PriorSensitivity
 from pbrdf_bayes.inference.sampling.sampling import Draws
-from pbrdf_bayes.readings.checks import DataCheck
+from pbrdf_bayes.records.checks import Check
 from pbrdf_bayes.records.summary import (
     Applicability,
     DiscrepancySize,
     EffectsChoice,
     ReciprocitySize,
 )
-from pbrdf_bayes.verdict import Diagnostic
 from pbrdf_bayes.verdicts.diagnostics import Identifiability
 
 Array = NDArray[np.float64]
@@ -36,14 +35,14 @@ class Stages:
 
     posterior: Posterior
     seed: int
-    checks: tuple[DataCheck, ...]
+    checks: tuple[Check, ...]
     optima: MapResult
     draws: Draws
     least_squares: tuple[Array, float]
     residuals: Residuals
     best_dex: Array
     identifiability: Identifiability
-    diagnostics: tuple[Diagnostic, ...]
+    diagnostics: tuple[Check, ...]
     curves: tuple[Targets, NDArray[np.bool_], Bands]
     dhr_curves: tuple[Targets, NDArray[np.bool_], Bands]
     sensitivity: PriorSensitivity

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import platform
-from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib import metadata
 from typing import Any
@@ -17,7 +16,6 @@ from pbrdf_bayes.inference.prediction.leave_one_out import LeaveOneOut
 from pbrdf_bayes.inference.rejected import together
 from pbrdf_bayes.inference.sampling.sampling import Draws
 from pbrdf_bayes.io.config_toml import config_table
-from pbrdf_bayes.records.checks import Check
 from pbrdf_bayes.records.summary import (
     Accuracy,
     Best,
@@ -40,6 +38,7 @@ from pbrdf_bayes.records.values import plain
 from pbrdf_bayes.verdict import CONTRACTION_WARN, FAIL, WARN, overall_verdict
 from pbrdf_bayes.verdicts.diagnostics import contraction
 from pbrdf_bayes.verdicts.predictive_checks import judge_holdout
+from pbrdf_bayes.words import say
 from pbrdf_bayes.workflow.stages import Stages
 
 _PACKAGES = (
@@ -70,7 +69,7 @@ def summarise(s: Stages) -> dict[str, Any]:
         effects_choice=s.effects_choice,
         parameters=_parameters(s),
         correlation=_correlation(s),
-        diagnostics={d.name: Check(**asdict(d)) for d in s.diagnostics},
+        diagnostics={d.name: d for d in s.diagnostics},
         fit=_fit(s),
         discrepancy=s.discrepancy,
         map=_map(s),
@@ -90,23 +89,17 @@ def summarise(s: Stages) -> dict[str, Any]:
 
 def _headline(s: Stages, verdict: str) -> str:
     if not s.draws.converged:
-        return "The sampler did not converge within its budget: these numbers are provisional."
-    worst = [d for d in s.diagnostics if d.verdict == verdict]
-    if verdict == FAIL and worst:
-        return f"Not usable as material constants: {worst[0].statement}"
-    if verdict == WARN and worst:
-        return f"Usable with care: {worst[0].statement}"
+        return say("headline.not_converged")
+    worst = next((d for d in s.diagnostics if d.verdict == verdict), None)
+    if worst and verdict in (FAIL, WARN):
+        return say(f"headline.{verdict.lower()}", statement=worst.statement)
     if verdict in (FAIL, WARN):
         check = next(c for c in s.checks if c.verdict == verdict)
-        return f"Look at the data first: {check.statement}"
-    rms = s.least_squares[1]
+        return say("headline.readings", statement=check.statement)
+    rms, model = s.least_squares[1], s.posterior.config.model_name
     if np.isnan(rms):
-        name = s.posterior.config.model_name
-        return f"The {name} describes the DHR readings; see what they do not identify."
-    return (
-        f"The {s.posterior.config.model_name} describes the readings to {rms:.3f} dex rms "
-        f"({100 * (10**rms - 1):.1f} %), and every check passes."
-    )
+        return say("headline.dhr_alone", model=model)
+    return say("headline.pass", model=model, rms=rms, percent=100.0 * (10**rms - 1.0))
 
 
 def _input(s: Stages) -> Input:
@@ -137,7 +130,7 @@ def _input(s: Stages) -> Input:
         n_dhr=len(m.dhr),
         excluded=m.excluded,
         warnings=tuple(m.warnings),
-        checks=tuple(Check(**asdict(c)) for c in s.checks),
+        checks=s.checks,
         scans=scans,
     )
 

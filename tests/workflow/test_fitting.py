@@ -23,6 +23,7 @@ from pbrdf_bayes.io.run_folder import load_analysis, save_analysis, validate_sum
 from pbrdf_bayes.measurement import select_scans
 from pbrdf_bayes.records.values import plain
 from pbrdf_bayes.results import QUANTILES, Analysis
+from pbrdf_bayes.words import say
 from pbrdf_bayes.workflow.curves import angles_between
 from pbrdf_bayes.workflow.fitting import (
     Observer,
@@ -281,7 +282,7 @@ def test_a_run_that_does_not_converge_is_kept_and_marked(
     summary = provisional.summary
     assert summary["status"] == "not_converged"
     assert summary["verdict"] == "FAIL"
-    assert "did not converge" in summary["headline"]
+    assert summary["headline"] == say("headline.not_converged")
     assert summary["diagnostics"]["ess"]["verdict"] == "FAIL"
     report = pb.render_report(provisional)
     assert "did not converge" in report
@@ -307,13 +308,13 @@ def test_a_fixed_parameter_is_assumed_and_not_identified(measurement: pb.Measure
     summary = pb.fit(measurement, config, seed=1).summary
     n = summary["parameters"]["n"]
     assert (n["kind"], n["identified"], n["sd"]) == ("fixed", False, 0.0)
-    assert np.isnan(n["contraction"])
+    assert n["contraction"] is None
     assert summary["parameters"]["k"]["identified"]
     found = summary["applicability"]
     assert found["verdict"] == "applies"
     assert found["caveats"] == (
-        'Not tested: prediction of angles left out; fit with holdout = "all" or a higher accuracy.',
-        "n = 1.526 was assumed, not measured.",
+        f"Not {say('applicability.untested', why=say('applicability.not_asked'))[4:]}.",
+        say("assumed.fixed", name="n", value=1.526),
     )
 
 

@@ -23,6 +23,7 @@ from pbrdf_bayes.measurement import Measurement, Scan, select_scans
 from pbrdf_bayes.physics.geometry import Geometry, prepare_geometry
 from pbrdf_bayes.records.summary import HeldOutScan
 from pbrdf_bayes.results import QUANTILES
+from pbrdf_bayes.words import counted, say
 
 Array = NDArray[np.float64]
 
@@ -138,11 +139,9 @@ def run_holdout(
     shapes = "the shapes of " if config.brdf_scale == "relative" else ""
     return replace(
         found, name=f"scan {label}", fitted=f"DHR and the scan {label}",
-        statement=(
-            f"Fitted to DHR and the scan {label} alone, the model predicts {shapes}{n} other "
-            f"scan{'s' * (n != 1)} within {found.rms_dex:.3f} dex rms; "
-            f"{100 * found.coverage_90:.0f} % of their readings lie inside the 90 % predictive "
-            f"band, {found.width_dex:.3f} dex wide."
+        statement=say(
+            "holdout.recipe", label=label, shapes=shapes, scans=counted(n, "other scan"),
+            rms=found.rms_dex, percent=100.0 * found.coverage_90, width=found.width_dex,
         ),
     )  # fmt: skip
 
