@@ -63,7 +63,9 @@ def find_in_file(path: Path, *, brdf_floor: float = 0.0) -> tuple[str, str]:
         When the file as a whole cannot be read.
     """
     content = read_samples(path, brdf_floor=brdf_floor)
-    found = tuple(f for m in content.measurements.values() for f in (*find_mistakes(m), *find_problems(m)))
+    found = tuple(
+        f for m in content.measurements.values() for f in (*find_mistakes(m), *find_problems(m))
+    )
     text = json.dumps(plain(Findings(findings=found)), indent=1, ensure_ascii=False)
     return text, content.message
 
