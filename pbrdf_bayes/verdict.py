@@ -1,9 +1,8 @@
-"""What a verdict is, and the thresholds of all of them."""
+"""The thresholds of all verdicts, and how a number is graded."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import hypot, inf, isnan
 
 MISFIT_WARN_DEX = 0.05
@@ -50,60 +49,6 @@ DISPLACED = 2.0
 """Posterior mean from the middle of the prior, in its standard deviations."""
 
 PASS, WARN, FAIL = "PASS", "WARN", "FAIL"
-
-
-@dataclass(frozen=True)
-class Diagnostic:
-    """One verdict.
-
-    Attributes
-    ----------
-    name, title : str
-    value : float
-        NaN where it could not be computed.
-    threshold : float
-    unit : str
-    verdict : {"PASS", "WARN", "FAIL"}
-    statement, advice : str
-        What was found, with its numbers; what follows from it (empty for PASS).
-    """
-
-    name: str
-    title: str
-    value: float
-    threshold: float
-    unit: str
-    verdict: str
-    statement: str
-    advice: str = ""
-
-
-@dataclass(frozen=True)
-class Finding:
-    """A mistake of the bench, or of the file, that the readings show.
-
-    Attributes
-    ----------
-    code, sample : str
-        What it is, e.g. ``theta_r_sign``.
-    verdict : {"WARN", "FAIL"}
-    scans : tuple of str
-        Labels of the scans that show it.
-    lines : tuple of int
-        Lines of the file, where single readings show it.
-    size : float or None
-        How large it is; the unit stands in the statement.
-    statement, remedy : str
-    """
-
-    code: str
-    sample: str
-    verdict: str
-    scans: tuple[str, ...]
-    lines: tuple[int, ...]
-    size: float | None
-    statement: str
-    remedy: str
 
 
 def misfit_limit_dex(repeatability_dex: float) -> float:

@@ -27,7 +27,8 @@ from pbrdf_bayes.readings.scan_statistics import (
     profile,
     zero_offset,
 )
-from pbrdf_bayes.verdict import FAIL, WARN, Finding
+from pbrdf_bayes.records.checks import Finding
+from pbrdf_bayes.verdict import FAIL, WARN
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -18,16 +18,12 @@ from pbrdf_bayes.report.numbers import (
     percent,
     rounded,
 )
+from pbrdf_bayes.words import say
 
 Record = Mapping[str, Any]
 LOOK_OF = {"ACCEPT": "PASS", "REJECT": "FAIL", "UNDECIDED": "WARN"}
 """Verdicts on conformity by the look that a check of the same colour has."""
 WORDS = {"ACCEPT": "Accept", "REJECT": "Reject", "UNDECIDED": "Undecided"}
-_LEADS = {
-    "ACCEPT": "The sample is accepted as conforming with {}",
-    "REJECT": "The sample is rejected as not conforming with {}",
-    "UNDECIDED": "Conformity with {} is undecided",
-}
 
 
 def conformity_text(summary: Record) -> str:
@@ -35,7 +31,9 @@ def conformity_text(summary: Record) -> str:
     found = summary.get("conformity")
     if not found:
         return ""
-    lead = _LEADS[found["verdict"]].format(found["specification"] or "the limits given")
+    lead = say(
+        f"conform.{found['verdict'].lower()}", name=found["specification"] or "the limits given"
+    )
     because = f": {found['reason']}" if found["reason"] else ""
     remark = f" {sentence(found['remark'])}" if found.get("remark") else ""
     limits = found["limits"]

@@ -13,6 +13,7 @@ from pbrdf_bayes.effects_table import (
     alternatives_in,
 )
 from pbrdf_bayes.measurement import Measurement
+from pbrdf_bayes.words import say
 
 _FEW_CASES = 2
 _PAPER_SHAPE = next(iter(LINE_SHAPES))
@@ -74,11 +75,5 @@ def caution(n_cases: int) -> str:
     ''
     """
     if not n_cases:
-        return "The choice has no statistics behind it: nothing could be left out."
-    if n_cases > _FEW_CASES:
-        return ""
-    return (
-        f"The choice has almost no statistics behind it: only {n_cases} cases could be left out, "
-        "and only an effect that gains about the same in each could have been told from chance. "
-        "Scans at more angles of incidence would help."
-    )
+        return say("effects.no_statistics")
+    return say("effects.few", n=n_cases) if n_cases <= _FEW_CASES else ""

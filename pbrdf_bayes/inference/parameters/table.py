@@ -17,9 +17,9 @@ from pbrdf_bayes.inference.parameters.priors import NOISE_PRIORS, PRESETS, prior
 from pbrdf_bayes.inference.parameters.spec import ParameterSpec
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.quantities import STATES
+from pbrdf_bayes.records.summary import PHYSICAL as PHYSICAL
 
 Array = NDArray[np.float64]
-PHYSICAL = ("n", "k", "sigma_n0", "rho0")
 DISCREPANCY = ("tau", "ell_deg")
 """Amplitude and length of the correlated misfit; a flat prior of either would replace the model."""
 
