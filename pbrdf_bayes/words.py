@@ -35,6 +35,7 @@ NOT_CONSTANTS = (
     "The parameters are fitted numbers, not material constants, and their uncertainties are not "
     "valid as such."
 )
+_LEFT_OUT = "They do not enter centre, limits, trend and spread."
 LOCAL_NORMAL = "local normal approximation"
 _LOOK_WHERE = "Look at the residuals for the angle at which the misfit starts."
 
@@ -234,13 +235,13 @@ MISTAKES = {
         "Exchange s and p in the column polarization there.",
     ),
     "cosine_factor.times": Mistake(
-        "The backward side falls like cos(theta_r) to the power {size:.2f} towards grazing theta_r, "
-        "in {n} scan ends. A BRDF levels out there.",
+        "The backward side falls like cos(theta_r) to the power {size:.2f} towards grazing "
+        "theta_r, in {n} scan ends. A BRDF levels out there.",
         "The values look like BRDF times cos(theta_r). Divide them by cos(theta_r).",
     ),
     "cosine_factor.over": Mistake(
-        "The backward side rises like cos(theta_r) to the power {size:.2f} towards grazing theta_r, "
-        "in {n} scan ends. A BRDF levels out there.",
+        "The backward side rises like cos(theta_r) to the power {size:.2f} towards grazing "
+        "theta_r, in {n} scan ends. A BRDF levels out there.",
         "The values look like BRDF over cos(theta_r). Multiply them by cos(theta_r).",
     ),
     "clipped": Mistake(
@@ -417,8 +418,12 @@ PHRASES = {
     "reservation.failed": "Intervals and bands are not valid as they stand: a check failed.",
     "batch.not_converged": "{folder}: not converged within max_steps. Results are kept and marked. "
     "Raise max_steps in the configuration, and go on with --resume",
-    "batch.failed": f"{{samples}} the verdict Fail. {NOT_CONSTANTS} Crosses show them. They do "
-    "not enter centre, limits, trend and spread.",
+    "batch.failed": f"{{samples}} the verdict Fail. {NOT_CONSTANTS} Crosses show them. {_LEFT_OUT}",
+    "batch.unidentified": "The readings do not identify {listed}: the prior decides. Crosses show "
+    f"these numbers. {_LEFT_OUT}",
+    "parameter.assumed": "assumed, not measured",
+    "parameter.identified": "identified by the data",
+    "parameter.prior": "not identified: the prior decides",
     # design
     "design.not_converged": "The sampler did not converge: the draws behind this design are "
     "provisional. Resume the fit, or fit again with a higher --accuracy, and ask again.",
