@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 from pbrdf_bayes.config import did_you_mean
 from pbrdf_bayes.errors import ConfigError, DataError
 from pbrdf_bayes.io.csv_table import MAX_ROWS, Chunk, open_table, read_bytes, refuse
+from pbrdf_bayes.io.formats.content import Decided
+from pbrdf_bayes.io.formats.dispatch import Foreign, convert, import_files
 from pbrdf_bayes.io.formulas import unguard
 from pbrdf_bayes.io.problems import (
     N_LINES,
@@ -47,7 +49,7 @@ from pbrdf_bayes.io.tidy_columns import (
     to_floats,
 )
 from pbrdf_bayes.io.tidy_notices import notice
-from pbrdf_bayes.io.tidy_writer import write_tidy_csv
+from pbrdf_bayes.io.tidy_writer import replace_file, write_tidy_csv
 from pbrdf_bayes.measurement import (
     Measurement,
     is_label,
@@ -56,7 +58,8 @@ from pbrdf_bayes.measurement import (
 )
 
 __all__ = [
-    "TidyFile", "read_measurement", "read_samples", "read_usable_samples", "write_tidy_csv",
+    "TidyFile", "import_readings", "read_measurement", "read_samples", "read_usable_samples",
+    "write_tidy_csv",
 ]  # fmt: skip
 
 Key = tuple[str, float]
@@ -71,6 +74,8 @@ SAME_WAVELENGTH = 1e-4
 _LEAST_SIGMA = 1e-8
 """Of ``value``: no instrument is better."""
 _MOST_SCANS = 100_000
+_ANY_FLOOR = 1e-300
+"""Noise floor [sr^-1] with which any finite BRDF is admitted."""
 _MOST_COUNTS = 1_000_000
 _MOST_SPELLINGS = 5
 
@@ -181,7 +186,11 @@ def read_measurement(
     ('green', 3.39, 1, 1)
     >>> folder.cleanup()
     """
-    content = _read(path, brdf_floor, rows_of_no_sample=False)
+    return _measurement(_read(path, brdf_floor, rows_of_no_sample=False), sample, wavelength_um)
+
+
+def _measurement(content: _Content, sample: str | None, wavelength_um: float | None) -> Measurement:
+    """The readings of one sample at one wavelength."""
     groups = _group(content)
     key = _choose(_names_in_use(content), list(groups), sample, wavelength_um)
     if isinstance(key, Problem):
@@ -189,6 +198,77 @@ def read_measurement(
     if content.problems.n or key is None or isinstance(key, Problem):
         raise DataError(content.message)
     return _build(content, key, groups[key], _count_flags(content, [key]))
+
+
+def import_readings(*paths: str | Path, brdf_floor: float = 0.0, **decisions: Any) -> Measurement:
+    """Read files as laboratories have them into one measurement.
+
+    Parameters
+    ----------
+    *paths : str or Path
+        Files of one sample in any of the formats of `pbrdf_bayes.io.formats`: content decides,
+        not the extension.
+    brdf_floor : float, optional
+        As in `read_measurement` [sr^-1].
+    **decisions
+        What the files leave open, see `Decided`: ``format``, ``sample``, ``polarization``,
+        ``wavelength_um``, ``theta_i_deg``, ``forward``, ``value``, ``unit``, ``sheet``.
+
+    Returns
+    -------
+    Measurement
+        ``warnings`` holds every decision.
+
+    Raises
+    ------
+    DataError
+        A file is damaged, in no format that is known, or leaves something undecided: the option
+        that decides is named (`UndecidedError`).
+    ConfigError
+        A decision is none of those that there are.
+    """
+    try:
+        decided = Decided(**decisions)
+    except TypeError:
+        known = list(Decided.__dataclass_fields__)
+        wrong = next(name for name in decisions if name not in known)
+        msg = f"{wrong!r} is not a decision.{did_you_mean(wrong, known)} Known: {', '.join(known)}"
+        raise ConfigError(msg) from None
+    content = _read_foreign(paths, import_files(paths, decided), brdf_floor)
+    return _measurement(content, None, None)
+
+
+def import_to_csv(paths: Sequence[str | Path], decided: Decided, out: Path) -> tuple[str, ...]:
+    """Write files of one sample as a tidy CSV; return the decisions.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+    decided : Decided
+        What the files leave open.
+    out : Path
+
+    Raises
+    ------
+    DataError, ConfigError
+        As `import_readings`; nothing is written then.
+    """
+    foreign = import_files(paths, decided)
+    content = _read_foreign(paths, foreign, _ANY_FLOOR)
+    if content.problems.n:
+        raise DataError(content.message)
+    replace_file(out, foreign.text)
+    return (*foreign.decisions, *content.warnings[len(foreign.decisions) :])
+
+
+def _read_foreign(paths: Sequence[str | Path], foreign: Foreign, brdf_floor: float) -> _Content:
+    """Rows of files that were converted."""
+    digest = next(iter(foreign.sha256.values())) if len(paths) == 1 else ""
+    digest = digest or hashlib.sha256("".join(foreign.sha256.values()).encode()).hexdigest()
+    return _read_data(
+        paths[0], foreign.text.encode(), digest, brdf_floor, foreign.decisions,
+        rows_of_no_sample=False,
+    )  # fmt: skip
 
 
 def read_samples(path: str | Path, *, brdf_floor: float = 0.0) -> TidyFile:
@@ -292,9 +372,22 @@ def _read(path: str | Path, brdf_floor: float, *, rows_of_no_sample: bool) -> _C
         msg = f"brdf_floor = {brdf_floor!r} is not allowed: give a BRDF [sr^-1] of 0 or more"
         raise ConfigError(msg)
     data = read_bytes(path)
+    foreign = convert(path, data)
+    digest = hashlib.sha256(data).hexdigest()
+    if foreign is not None:
+        data = foreign.text.encode()
+    return _read_data(path, data, digest, brdf_floor, foreign.decisions if foreign else (),
+                      rows_of_no_sample=rows_of_no_sample)  # fmt: skip
+
+
+def _read_data(
+    path: str | Path, data: bytes, digest: str, brdf_floor: float, decisions: tuple[str, ...], *,
+    rows_of_no_sample: bool,
+) -> _Content:  # fmt: skip
+    """Rows of a tidy CSV; ``digest`` and ``decisions`` are of the file that it was made of."""
     table = open_table(path, data)
     problems = Problems()
-    warnings = check_header(table.header, problems)
+    warnings = (*decisions, *check_header(table.header, problems))
     if problems.n:
         raise DataError(compose_message(str(path), problems.listed(), problems.n))
     words = {name: _Words(str(path), name) for name in WORD_COLUMNS}
@@ -323,7 +416,6 @@ def _read(path: str | Path, brdf_floor: float, *, rows_of_no_sample: bool) -> _C
         what = f"numbers with U+2212, a minus sign that is no hyphen, in {len(minus)} lines"
         warnings += (f"{what} (first: line {minus[0]}) are read as if it were one.",)
     rows = _merge_wavelengths(rows)
-    digest = hashlib.sha256(data).hexdigest()
     return _Content(printable(str(path)), digest, rows, words, problems, (*warnings, *said))
 
 
