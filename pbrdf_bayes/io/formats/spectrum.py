@@ -10,7 +10,7 @@ import numpy as np
 from pbrdf_bayes.config import did_you_mean
 from pbrdf_bayes.io.formats.content import Content, Imported, named_polarization, to_number
 from pbrdf_bayes.io.formats.conventions import dhr_readings, incidence_deg
-from pbrdf_bayes.io.formats.spreadsheet import cells, is_workbook, sheets
+from pbrdf_bayes.io.formats.spreadsheet import cells, is_table
 
 NAME = "spectrum"
 _UNITS = (
@@ -22,11 +22,7 @@ _UNCERTAINTY = r"rms|sigma|uncert|std|error"
 
 def recognises(content: Content) -> bool:
     """A header that names the unit of the first column, over at least two rows of numbers."""
-    if is_workbook(content):
-        return any(_header(rows) is not None for rows in sheets(content).values())
-    if not content.is_text or len(content.lines) > 200_000:
-        return False
-    return _header(cells(Content(content.path, content.data))) is not None
+    return is_table(content, lambda rows: _header(rows) is not None)
 
 
 def _header(rows: Sequence[Sequence[str]]) -> int | None:
@@ -56,7 +52,7 @@ def read(content: Content) -> Imported:
     if header is None:
         content.refuse("no header that names the unit of the first column (nm, um or cm^-1)")
     names, titles = list(rows[header]), " ".join(cell for row in rows[: header + 1] for cell in row)
-    unit = _unit(names[0]) or _unit(titles)
+    unit = _unit(names[0] if names else "") or _unit(titles)
     columns = [
         i
         for i in range(1, len(names))

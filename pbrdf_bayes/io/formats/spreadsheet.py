@@ -6,6 +6,7 @@ import csv
 import io
 import re
 import zipfile
+from collections.abc import Callable
 from typing import Any
 
 from pbrdf_bayes.errors import DataError
@@ -60,6 +61,18 @@ def cells(content: Content) -> list[list[str]]:
     if not found:
         content.refuse("the workbook is empty")
     return next(iter(found.values()))
+
+
+def is_table(content: Content, test: Callable[[list[list[str]]], bool]) -> bool:
+    """Tell whether the cells of a text, or those of any sheet, pass a test."""
+    if is_workbook(content):
+        return any(test(rows) for rows in sheets(content).values())
+    if not content.text or len(content.lines) > _MOST_ROWS:
+        return False
+    try:
+        return test(_split(Content(content.path, content.data)))
+    except DataError:
+        return False
 
 
 def _split(content: Content) -> list[list[str]]:

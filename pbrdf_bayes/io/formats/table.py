@@ -21,7 +21,7 @@ from pbrdf_bayes.io.formats.content import (
     to_number,
 )
 from pbrdf_bayes.io.formats.conventions import brdf_readings, directions, incidence_deg, to_brdf
-from pbrdf_bayes.io.formats.spreadsheet import cells, is_workbook, sheets
+from pbrdf_bayes.io.formats.spreadsheet import cells, is_table
 
 NAME = "table"
 _COLUMNS = {
@@ -45,13 +45,7 @@ class _List:
 
 def recognises(content: Content) -> bool:
     """A list with named angles, or a matrix of angles, on any sheet."""
-    if is_workbook(content):
-        return any(_list(rows) or _matrix(rows) is not None for rows in sheets(content).values())
-    if not content.is_text or len(content.lines) > 200_000:
-        return False
-    quiet = Content(content.path, content.data)
-    rows = cells(quiet)
-    return _list(rows) is not None or _matrix(rows) is not None
+    return is_table(content, lambda rows: _list(rows) is not None or _matrix(rows) is not None)
 
 
 def read(content: Content) -> Imported:
