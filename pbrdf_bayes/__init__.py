@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from pbrdf_bayes.io.document_toml import read_document
     from pbrdf_bayes.io.limits_toml import read_limits
     from pbrdf_bayes.io.run_folder import load_analysis
-    from pbrdf_bayes.io.tidy_csv import read_measurement, write_tidy_csv
+    from pbrdf_bayes.io.tidy_csv import import_readings, read_measurement, write_tidy_csv
     from pbrdf_bayes.measurement import Measurement
     from pbrdf_bayes.model.diffuse_directional import ddr
     from pbrdf_bayes.model.effects import Effects
@@ -90,6 +90,7 @@ _HOME = {
     "load_analysis": "io.run_folder",
     "mueller": "model.polarimetry",
     "normalisation_error": "model.four_parameter",
+    "import_readings": "io.tidy_csv",
     "predict_scene": "scene.prediction",
     "predict_spectral_scene": "workflow.spectral_scene",
     "read_document": "io.document_toml",
@@ -135,6 +136,7 @@ __all__ = [
     "dhr",
     "fit",
     "fit_batch",
+    "import_readings",
     "load_analysis",
     "mueller",
     "normalisation_error",

@@ -31,6 +31,7 @@ from pbrdf_bayes.verbs.one_sample import (
     add_bench,
     add_check,
     add_fit,
+    add_import,
     add_predict,
     add_report,
     add_simulate,
@@ -146,7 +147,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"pbrdf-bayes {__version__}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
     verbs_in_order = (
-        add_check, add_fit, add_batch, add_report, add_predict, add_conform, add_design,
+        add_check, add_import, add_fit, add_batch, add_report, add_predict, add_conform, add_design,
         add_simulate, add_bench,
     )  # fmt: skip
     for add in verbs_in_order:
