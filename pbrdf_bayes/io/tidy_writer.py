@@ -53,12 +53,17 @@ def write_tidy_csv(readings: Measurement | Mapping[str, ArrayLike], path: str | 
     >>> folder.cleanup()
     """
     given = _columns_of(readings) if isinstance(readings, Measurement) else readings
-    columns = _to_cells(given)
+    _replace(Path(path), tidy_text(given))
+
+
+def tidy_text(columns: Mapping[str, ArrayLike]) -> str:
+    """Text of the tidy CSV of some columns, as `write_tidy_csv` writes it."""
+    cells = _to_cells(columns)
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*columns.values(), strict=True))
-    _replace(Path(path), text.getvalue())
+    writer.writerow(cells)
+    writer.writerows(zip(*cells.values(), strict=True))
+    return text.getvalue()
 
 
 def _columns_of(measurement: Measurement) -> dict[str, ArrayLike]:
