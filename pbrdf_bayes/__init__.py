@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from pbrdf_bayes.scene.prediction import predict_scene
     from pbrdf_bayes.scenes import Scene
     from pbrdf_bayes.workflow.assessment import assess_conformity
+    from pbrdf_bayes.workflow.exporting import Exported, export_brdf
     from pbrdf_bayes.workflow.fitting import fit
     from pbrdf_bayes.workflow.next_measurement import design_next
     from pbrdf_bayes.workflow.spectral_scene import predict_spectral_scene
@@ -67,6 +68,7 @@ _HOME = {
     "DataError": "errors",
     "DomainError": "errors",
     "Effects": "model.effects",
+    "Exported": "workflow.exporting",
     "FitError": "errors",
     "GREEN_PAINT": "model.simulate",
     "Measurement": "measurement",
@@ -85,6 +87,7 @@ _HOME = {
     "degree_of_linear_polarization": "model.polarimetry",
     "design_next": "workflow.next_measurement",
     "dhr": "model.four_parameter",
+    "export_brdf": "workflow.exporting",
     "fit": "workflow.fitting",
     "fit_batch": "batch.run",
     "load_analysis": "io.run_folder",
@@ -116,6 +119,7 @@ __all__ = [
     "DataError",
     "DomainError",
     "Effects",
+    "Exported",
     "FitError",
     "Measurement",
     "Parameters",
@@ -134,6 +138,7 @@ __all__ = [
     "degree_of_linear_polarization",
     "design_next",
     "dhr",
+    "export_brdf",
     "fit",
     "fit_batch",
     "import_readings",

@@ -27,6 +27,7 @@ from pbrdf_bayes.verbs.arguments import (
 from pbrdf_bayes.verbs.batch import add_batch
 from pbrdf_bayes.verbs.conform import add_conform
 from pbrdf_bayes.verbs.design import add_design
+from pbrdf_bayes.verbs.export import add_export
 from pbrdf_bayes.verbs.one_sample import (
     add_bench,
     add_check,
@@ -148,7 +149,7 @@ def build_parser() -> argparse.ArgumentParser:
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
     verbs_in_order = (
         add_check, add_import, add_fit, add_batch, add_report, add_predict, add_conform, add_design,
-        add_simulate, add_bench,
+        add_simulate, add_export, add_bench,
     )  # fmt: skip
     for add in verbs_in_order:
         add(verbs)

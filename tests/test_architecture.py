@@ -49,7 +49,7 @@ HOMES = {
 
 LIGHT = {
     "errors", "cli", "verbs", "verbs.arguments", "verbs.batch", "verbs.conform", "verbs.design",
-    "verbs.one_sample",
+    "verbs.export", "verbs.one_sample",
 }  # fmt: skip
 """What loads with the command line."""
 

@@ -705,7 +705,7 @@ def _build_all(
 def _build(content: _Content, key: Key, index: NDArray[np.int64], flags: Flags) -> Measurement:
     """Measurement from the rows of one sample at one wavelength."""
     rows = {name: column[index] for name, column in content.rows.items()}
-    columns = {
+    columns: dict[str, Any] = {
         name: rows[name] for name in ("theta_i_deg", "theta_r_deg", "value", "sigma", "n_repeats")
     }
     columns["phi_r_deg"] = np.nan_to_num(rows["phi_r_deg"], nan=0.0)
