@@ -13,7 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullLocator
 
-from pbrdf_bayes.report.svg import figure_style, inline_svg
+from pbrdf_bayes.report.figures.axes import figure_style
+from pbrdf_bayes.report.figures.svg import inline_svg
 
 METHODS = {
     "ours": ("#1f4e79", "o", "this package, rtol 1e-2 to 1e-12"),

@@ -19,7 +19,7 @@ import xarray as xr
 from jsonschema import Draft202012Validator
 
 from pbrdf_bayes.report import render_report
-from pbrdf_bayes.report.figures_brdf import evenly, extremes
+from pbrdf_bayes.report.figures.axes import thinned
 from pbrdf_bayes.report.numbers import rounded
 from pbrdf_bayes.results import Analysis
 from tests.report.synthetic import analysis
@@ -341,15 +341,10 @@ def test_text_in_pictures_is_text_in_the_font_of_the_page() -> None:
 def test_outliers_are_never_thinned_away() -> None:
     values = np.zeros(10_001)
     values[[17, 5003, 9998]] = [3.0, -4.0, 5.0]
-    rows = extremes(values, 160)
+    rows = thinned(values, 160)
     assert rows.size <= 160
     assert {17, 5003, 9998} <= set(rows.tolist())
 
-
-def test_even_thinning_depends_on_the_scan() -> None:
-    assert evenly(5, 10).tolist() == [0, 1, 2, 3, 4]
-    assert evenly(9, 3).tolist() == [0, 3, 6]
-    assert evenly(9, 3, offset=1).tolist() == [1, 4, 7]
 
 
 def test_the_first_screen_says_where_n_and_k_are_no_constants() -> None:
