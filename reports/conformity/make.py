@@ -72,8 +72,8 @@ LOOKS = {"ACCEPT": "#1a6b3c", "REJECT": "#a8201a", "UNDECIDED": "#8a5300"}
 def section(paint: str, found: dict[str, Any]) -> str:
     """A paint: its verdict, its limits, the band that was not measured."""
     with figure_style():
-        pictures = conformity_pictures({"conformity": found})
-        pictures += [closeup(limit) for limit in found["limits"] if len(limit["mean"]) > 1]
+        pictures = conformity_pictures({"conformity": found}, tag=f"{paint}-")
+        pictures += [closeup(limit, paint) for limit in found["limits"] if len(limit["mean"]) > 1]
     rows = "".join(row(limit) for limit in found["limits"])
     because = f": {found['reason']}" if found["reason"] else ""
     panels = "".join(f"<figure><h4>{escape(str(p.title))}</h4>{p.svg}</figure>" for p in pictures)
@@ -91,7 +91,7 @@ RANGE = (-30.0, 20.0)
 """Of a curve over its limit, less 1 [%]."""
 
 
-def closeup(limit: dict[str, Any]) -> Picture:
+def closeup(limit: dict[str, Any], paint: str) -> Picture:
     """A curve over its upper limit, where it is least probably met: there the band can be seen."""
     against = "theta_r_deg" if limit["theta_r_deg"] else "theta_i_deg"
     x = np.array(limit[against])
@@ -115,7 +115,7 @@ def closeup(limit: dict[str, Any]) -> Picture:
         f"{limit['name']}, relative to the limit: {mean[at]:.1f} %, 95 % from {low[at]:.1f} to "
         f"{high[at]:.1f} % at {x[at]:g} degrees"
     )
-    name = f"closeup-{limit['quantity']}"
+    name = f"closeup-{paint}-{limit['quantity']}"
     return Picture(
         inline_svg(figure_of(axes), name=name, label=label), f"{limit['name']}: near the limit"
     )

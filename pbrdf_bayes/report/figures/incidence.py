@@ -196,9 +196,15 @@ def _width_note(group: ScanWidthPoints) -> str:
 # ---------------------------------------------------------------------------------------- tolerance
 
 
-def conformity_pictures(summary: Record) -> list[Picture]:
-    """A picture for each of the first curves; none for single points and what has no value."""
-    return [_limit_picture(*curve) for curve in _limit_curves(summary)[:MOST_LIMITS]]
+def conformity_pictures(summary: Record, *, tag: str = "") -> list[Picture]:
+    """A picture for each of the first curves; none for single points and what has no value.
+
+    ``tag`` begins the ids of the pictures: needed where a page has those of several samples.
+    """
+    return [
+        _limit_picture(limit, rows, tag + name)
+        for limit, rows, name in _limit_curves(summary)[:MOST_LIMITS]
+    ]
 
 
 def not_drawn_text(summary: Record) -> str:
