@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from pbrdf_bayes.report.arrays import DhrCurve, DhrPoints, ScanWidthPoints, WidthCurve
+from pbrdf_bayes.report.arrays import AngleCurve, DhrPoints, ScanWidthPoints
 from pbrdf_bayes.report.conformity import WORDS, probability_text, tolerance_text
 from pbrdf_bayes.report.figures.axes import (
     WIDTH,
@@ -58,7 +58,7 @@ def _bars(axes: Axes, x: Array, y: Array, u: Array, q: str) -> None:
 # --------------------------------------------------------------------------------------------- DHR
 
 
-def plot_dhr(axes: Axes, curves: Sequence[DhrCurve], points: Sequence[DhrPoints]) -> Axes:
+def plot_dhr(axes: Axes, curves: Sequence[AngleCurve], points: Sequence[DhrPoints]) -> Axes:
     """Draw DHR [1] against incidence [deg]: bands, curves at the MAP, readings."""
     for curve in curves:
         look = LOOKS[curve.polarization]
@@ -72,7 +72,7 @@ def plot_dhr(axes: Axes, curves: Sequence[DhrCurve], points: Sequence[DhrPoints]
     return axes
 
 
-def plot_dhr_difference(axes: Axes, curve: DhrCurve | None, points: DhrPoints) -> Axes:
+def plot_dhr_difference(axes: Axes, curve: AngleCurve | None, points: DhrPoints) -> Axes:
     """Draw DHR readings and bands less the model at the MAP [1] against incidence [deg]."""
     if curve is not None:
         base, color = curve.map[:, None], LOOKS[curve.polarization].color
@@ -87,7 +87,7 @@ def plot_dhr_difference(axes: Axes, curve: DhrCurve | None, points: DhrPoints) -
 
 
 def dhr_pictures(
-    curves: Sequence[DhrCurve], points: Sequence[DhrPoints], *, name: str = "dhr"
+    curves: Sequence[AngleCurve], points: Sequence[DhrPoints], *, name: str = "dhr"
 ) -> list[Picture]:
     """Return DHR against incidence, and its difference from the MAP for each polarisation read."""
     by_q = {c.polarization: c for c in curves}
@@ -109,7 +109,7 @@ def dhr_pictures(
     return found
 
 
-def _dhr(curves: Sequence[DhrCurve], points: Sequence[DhrPoints], name: str) -> Picture:
+def _dhr(curves: Sequence[AngleCurve], points: Sequence[DhrPoints], name: str) -> Picture:
     low, high = limits(
         *(c.model_band[:, [0, 4]] for c in curves), *(p.value for p in points), [0.0]
     )
@@ -136,7 +136,7 @@ def _dhr(curves: Sequence[DhrCurve], points: Sequence[DhrPoints], name: str) -> 
 
 
 def plot_widths(
-    axes: Axes, curves: Sequence[WidthCurve], points: Sequence[ScanWidthPoints], *,
+    axes: Axes, curves: Sequence[AngleCurve], points: Sequence[ScanWidthPoints], *,
     relative: bool = False,
 ) -> Axes:  # fmt: skip
     """Draw half widths of the lobes [1], or their ratio to Eq. (5), against incidence."""
@@ -153,7 +153,7 @@ def plot_widths(
 
 
 def width_pictures(
-    curves: Sequence[WidthCurve], points: Sequence[ScanWidthPoints]
+    curves: Sequence[AngleCurve], points: Sequence[ScanWidthPoints]
 ) -> list[Picture]:
     """Return widths against incidence, and the same over Eq. (5) at the MAP."""
     if not curves:
@@ -162,7 +162,7 @@ def width_pictures(
 
 
 def _widths(
-    curves: Sequence[WidthCurve], points: Sequence[ScanWidthPoints], *, relative: bool
+    curves: Sequence[AngleCurve], points: Sequence[ScanWidthPoints], *, relative: bool
 ) -> Picture:
     bands = [c.model_band / (c.map[:, None] if relative else 1.0) for c in curves]
     most = _FARTHEST * limits(*bands, pad=0.0)[1]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from pbrdf_bayes.report.arrays import (
-    DhrCurve,
+    AngleCurve,
     DhrPoints,
     curves_of,
     dhr_curves_of,
@@ -137,7 +137,7 @@ def samples_of(analysis: Analysis) -> list[Sample]:
 
 
 def _key(
-    planes: Sequence[Plane], curves: Sequence[DhrCurve], points: Sequence[DhrPoints]
+    planes: Sequence[Plane], curves: Sequence[AngleCurve], points: Sequence[DhrPoints]
 ) -> tuple[Picture | None, str]:
     """Picture of the first screen: the worst-fitting scan plane, or else the DHR."""
     measured = [plane for plane in planes if any(s.scans for s in plane.strands)]
