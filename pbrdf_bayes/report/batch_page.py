@@ -12,7 +12,7 @@ from urllib.parse import quote
 from markupsafe import Markup, escape
 
 from pbrdf_bayes.report.conformity import LOOK_OF, WORDS, probability_text
-from pbrdf_bayes.report.figures_batch import control_chart, sparkline
+from pbrdf_bayes.report.figures.batch import control_chart, sparkline
 from pbrdf_bayes.report.numbers import (
     MISSING,
     finite,

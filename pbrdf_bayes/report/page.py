@@ -13,9 +13,9 @@ from markupsafe import Markup, escape
 
 from pbrdf_bayes.report import conformity, design_tables, document, structure, tables, texts
 from pbrdf_bayes.report.arrays import draws_of
-from pbrdf_bayes.report.figures import Figures, draw_figures
+from pbrdf_bayes.report.figures.looks import LOOKS
+from pbrdf_bayes.report.figures.of_analysis import Figures, draw_figures
 from pbrdf_bayes.report.numbers import count
-from pbrdf_bayes.report.panel import LOOKS
 from pbrdf_bayes.results import Analysis
 
 TITLES = {

@@ -41,7 +41,7 @@ from pbrdf_bayes.batch.work import Task, run_task
 from pbrdf_bayes.cli import main
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.io.checkpoint import write_checkpoint
-from pbrdf_bayes.report.figures_batch import nice_ticks
+from pbrdf_bayes.report.figures.batch import nice_ticks
 
 COMMAND = [sys.executable, "-m", "pbrdf_bayes", "batch"]
 HEADER = "sample,wavelength_um,quantity,polarization,theta_i_deg,theta_r_deg,value"

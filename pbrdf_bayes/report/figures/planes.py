@@ -4,35 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
 from pbrdf_bayes.report.arrays import Curve, ScanPoints
+from pbrdf_bayes.report.figures.axes import limits, positive
+from pbrdf_bayes.report.figures.looks import LOOKS
 from pbrdf_bayes.report.numbers import MISSING, count, degrees, dex_as_percent, number, percent
-from pbrdf_bayes.report.panel import LOOKS, limits, log10_or_gap
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 MOST_PLANES = 24
 """Scan planes, or scans, drawn at most: the worst-fitting ones."""
 DECADES = 5.0
 """Depth of the logarithmic axis below which only readings go; an exact null has none."""
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A plot with its heading and the numbers under it, each with its polarisation."""
-
-    svg: Markup
-    title: str | Markup
-    notes: tuple[tuple[str, str], ...] = ()
-
-    @property
-    def polarizations(self) -> tuple[str, ...]:
-        """Polarisations that are drawn."""
-        return tuple(p for p, _ in self.notes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,22 +34,18 @@ class Strand:
 
     @property
     def residual_dex(self) -> Array:
-        """Residuals of all readings [dex]; the finite ones."""
-        parts = [s.residual_dex for s in self.scans]
-        joined = np.concatenate(parts) if parts else np.zeros(0)
-        return joined[np.isfinite(joined)]
+        """Finite residuals of all readings [dex]."""
+        return _finite([s.residual_dex for s in self.scans])
 
     @property
     def values(self) -> Array:
         """All finite readings [sr^-1]."""
-        parts = [s.value for s in self.scans]
-        joined = np.concatenate(parts) if parts else np.zeros(0)
-        return joined[np.isfinite(joined)]
+        return _finite([s.value for s in self.scans])
 
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """All that is drawn in the panel of one scan plane."""
+    """All that is drawn of one scan plane."""
 
     theta_i_deg: float
     phi_r_deg: float
@@ -80,14 +65,21 @@ class Plane:
         return f"{degrees(self.theta_i_deg)} incidence{azimuth}"
 
     @property
-    def measured(self) -> bool:
-        """Whether the plane holds readings."""
-        return any(s.scans for s in self.strands)
+    def specular_deg(self) -> float | None:
+        """Signed scattering angle of the specular direction; None where the plane misses it."""
+        if self.theta_i_deg and self.phi_r_deg % 180:
+            return None
+        return self.theta_i_deg if self.phi_r_deg % 360 == 0 else -self.theta_i_deg
 
     @property
     def rms_dex(self) -> float:
         """Residual rms of all readings of the plane [dex]; NaN where there are none."""
         return rms(np.concatenate([s.residual_dex for s in self.strands]))
+
+
+def _finite(parts: Sequence[Array]) -> Array:
+    joined = np.concatenate([np.zeros(0), *parts])
+    return np.asarray(joined[np.isfinite(joined)])
 
 
 def rms(values: Array) -> float:
@@ -98,46 +90,45 @@ def rms(values: Array) -> float:
 
 def planes_of(curves: Sequence[Curve], scans: Sequence[ScanPoints]) -> list[Plane]:
     """Group curves and scans by incidence angle, azimuth and polarisation."""
-    angles = [(c.theta_i_deg, c.phi_r_deg) for c in curves]
-    keys = sorted({*angles, *((s.theta_i_deg, s.phi_r_deg) for s in scans)})
-    return [Plane(*key, strands=_strands(key, curves, scans)) for key in keys]
+    angles = {(c.theta_i_deg, c.phi_r_deg) for c in curves}
+    angles |= {(s.theta_i_deg, s.phi_r_deg) for s in scans}
+    return [Plane(*key, strands=_strands(key, curves, scans)) for key in sorted(angles)]
 
 
 def _strands(
     key: tuple[float, float], curves: Sequence[Curve], scans: Sequence[ScanPoints]
 ) -> tuple[Strand, ...]:
     found = []
-    for p in LOOKS:
-        mine = [c for c in curves if (c.theta_i_deg, c.phi_r_deg, c.polarization) == (*key, p)]
-        read = tuple(s for s in scans if (s.theta_i_deg, s.phi_r_deg, s.polarization) == (*key, p))
+    for q in LOOKS:
+        mine = [c for c in curves if (c.theta_i_deg, c.phi_r_deg, c.polarization) == (*key, q)]
+        read = tuple(s for s in scans if (s.theta_i_deg, s.phi_r_deg, s.polarization) == (*key, q))
         if mine or read:
-            found.append(Strand(p, mine[0] if mine else None, read))
+            found.append(Strand(q, mine[0] if mine else None, read))
     return tuple(found)
 
 
-def worst_planes(planes: Sequence[Plane]) -> list[Plane]:
+def worst(records: Sequence[T], rms_dex: Sequence[float]) -> list[T]:
     """Return at most `MOST_PLANES`, those with the largest residuals, in their order."""
-    if len(planes) <= MOST_PLANES:
-        return list(planes)
-    size = np.nan_to_num([p.rms_dex for p in planes])
-    return [planes[i] for i in sorted(np.argsort(-size, kind="stable")[:MOST_PLANES].tolist())]
+    order = np.argsort(-np.nan_to_num(rms_dex), kind="stable")[:MOST_PLANES]
+    return [records[i] for i in sorted(order.tolist())]
 
 
-def log_limits(planes: Sequence[Plane]) -> tuple[float, float]:
-    """Limits of the logarithmic axis [decades] that all panels share."""
+def brdf_limits(planes: Sequence[Plane]) -> tuple[float, float]:
+    """Limits of the logarithmic axis that all panels share [sr^-1]."""
     strands = [s for p in planes for s in p.strands]
-    curves = [s.curve for s in strands if s.curve is not None]
-    predicted = [log10_or_gap(c.predictive_band[:, [0, 4]]) for c in curves]
-    measured = [log10_or_gap(s.values) for s in strands]
+    predicted = [np.log10(positive(s.curve.predictive_band[:, [0, 4]]))
+                 for s in strands if s.curve is not None]  # fmt: skip
+    measured = [np.log10(positive(s.values)) for s in strands]
     low, high = limits(*predicted, *measured, pad=0.04, least=0.6)
-    lowest = min((np.nanmin(m) - 0.1 for m in measured if np.isfinite(m).any()), default=high)
-    return max(low, min(high - DECADES, float(lowest)), high - 2 * DECADES), high
+    lowest = np.nanmin([high, *np.concatenate([np.zeros(0), *measured])]) - 0.1
+    low = max(low, min(high - DECADES, float(lowest)), high - 2 * DECADES)
+    return 10.0**low, 10.0**high
 
 
-def dex_reach(planes: Sequence[Plane]) -> float:
+def dex_reach(strands: Sequence[Strand]) -> float:
     """Half height of the axis of deviations [dex] that all panels share: nearly all there is."""
     tops = [0.004]
-    for strand in (s for p in planes for s in p.strands):
+    for strand in strands:
         if strand.residual_dex.size:
             tops.append(float(np.quantile(np.abs(strand.residual_dex), 0.995)))
         if strand.curve is not None:
@@ -149,21 +140,24 @@ def dex_reach(planes: Sequence[Plane]) -> float:
 
 def deviations(band: Array, curve: Curve) -> Array:
     """Band of a curve relative to its middle line [dex]."""
-    return log10_or_gap(band) - log10_or_gap(curve.map)[:, None]
+    return np.asarray(np.log10(positive(band)) - np.log10(positive(curve.map))[:, None])
 
 
 def half_width(band: Array) -> str:
     """Median over angle of half the width of the 90 % interval, relative to the median curve."""
-    positive = band[:, 2] > 0
-    relative = (band[positive, 4] - band[positive, 0]) / (2 * band[positive, 2])
-    good = relative[np.isfinite(relative)]
-    return percent(np.median(good)) if good.size else MISSING
+    good = band[(band[:, 2] > 0) & np.isfinite(band).all(axis=1)]
+    relative = (good[:, 4] - good[:, 0]) / (2 * good[:, 2])
+    return percent(np.median(relative)) if relative.size else MISSING
 
 
 def fit_note(strand: Strand) -> str:
     """Numbers under a panel: residuals and typical half widths of the two bands."""
     parts = [f"rms {dex_as_percent(rms(strand.residual_dex))}"] if strand.residual_dex.size else []
-    return " · ".join([*parts, *_widths(strand)])
+    if strand.curve is not None and strand.curve.model_band is not None:
+        parts.append(f"model ±{half_width(strand.curve.model_band)}")
+    if strand.curve is not None:
+        parts.append(f"predictive ±{half_width(strand.curve.predictive_band)}")
+    return " · ".join(parts)
 
 
 def held_out_note(strand: Strand) -> str:
@@ -178,15 +172,7 @@ def held_out_note(strand: Strand) -> str:
     return f"{share} of {count(known.sum())} inside · band ±{half_width(band)}"
 
 
-def _widths(strand: Strand) -> list[str]:
-    curve = strand.curve
-    if curve is None:
-        return []
-    model = [f"model ±{half_width(curve.model_band)}"] if curve.model_band is not None else []
-    return [*model, f"predictive ±{half_width(curve.predictive_band)}"]
-
-
-def label_of(plane: Plane, *, what: str = "BRDF") -> str:
+def label_of(plane: Plane, what: str) -> str:
     """Text alternative of a scan plane, in numbers."""
     return f"{what} at {plane.words}; " + "; ".join(_strand_label(s) for s in plane.strands)
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup, escape
 
+from pbrdf_bayes.report.figures.looks import LOOKS
 from pbrdf_bayes.report.numbers import degrees, fixed, number
-from pbrdf_bayes.report.panel import LOOKS
 
 Record = Mapping[str, Any]
 

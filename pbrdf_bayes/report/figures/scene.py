@@ -6,37 +6,40 @@ goes on to the right (phi_r = 0). It is its own mirror image, of which the scene
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import ceil, floor, log10
 
 import numpy as np
 from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from pbrdf_bayes.report.figures_planes import span
-from pbrdf_bayes.report.numbers import degrees, number
-from pbrdf_bayes.report.panel import (
-    FAINT,
-    INK,
-    LOOKS,
-    Panel,
+from pbrdf_bayes.report.figures.axes import (
+    WIDTH,
+    angles,
+    figure_of,
+    figure_style,
     limits,
-    linear_ticks,
-    log10_or_gap,
-    log_ticks,
-    new_figure,
-    theta_ticks,
+    logarithmic,
+    mark_specular,
+    name_axes,
+    new_axes,
+    positive,
+    shade,
 )
-from pbrdf_bayes.report.polar_map import ANGLE_TICKS, WIDTH, Scale, fill_angles, polar_map
-from pbrdf_bayes.report.svg import figure_style, inline_svg
+from pbrdf_bayes.report.figures.looks import LOOKS
+from pbrdf_bayes.report.figures.planes import span
+from pbrdf_bayes.report.figures.polar_map import ANGLE_TICKS, Scale, fill_angles, polar_map
+from pbrdf_bayes.report.figures.svg import inline_svg
+from pbrdf_bayes.report.numbers import degrees, number
 from pbrdf_bayes.scenes import SceneValues
 
 Array = NDArray[np.float64]
 
 MOST_DRAWN = 8
 """Angles of incidence that are drawn at most."""
-_CURVE = 170.0
 _DECADES = 5.0
 _MAPS = {"BRDF": "viridis", "DoLP": "magma", "AoLP": "twilight"}
 """Colours whose lightness rises evenly, for angles around and back; also told apart by the
@@ -74,9 +77,9 @@ def scene_pictures(values: SceneValues, *, tag: str = "") -> list[ScenePicture]:
 
 def drawn_incidences(values: SceneValues) -> list[tuple[int, float]]:
     """Index and angle [deg] of the incidences that are drawn: `MOST_DRAWN`, evenly spread."""
-    angles = values.scene.theta_i_deg
-    chosen = np.unique(np.linspace(0, len(angles) - 1, min(len(angles), MOST_DRAWN)).astype(int))
-    return [(i, angles[i]) for i in chosen.tolist()] if angles else []
+    theta_i = values.scene.theta_i_deg
+    chosen = np.unique(np.linspace(0, len(theta_i) - 1, min(len(theta_i), MOST_DRAWN)).astype(int))
+    return [(i, theta_i[i]) for i in chosen.tolist()] if theta_i else []
 
 
 # -------------------------------------------------------------------------------------------- maps
@@ -90,7 +93,7 @@ def _maps(values: SceneValues, tag: str) -> list[ScenePicture]:
     x, y, order = grid
     drawn = drawn_incidences(values)
     if values.brdf is not None:
-        logs = log10_or_gap(values.brdf[..., values.at_median])
+        logs = np.log10(positive(values.brdf[..., values.at_median]))
         scale = _brdf_scale(logs)
         for i, theta_i in drawn:
             for q, z in zip(scene.polarizations, logs[:, i], strict=True):
@@ -161,23 +164,19 @@ def _closed(values: SceneValues) -> tuple[Array, Array, NDArray[np.int64]] | Non
 def _brdf_scale(logs: Array) -> Scale:
     low, high = limits(logs, pad=0.0, least=0.4)
     low = max(low, high - _DECADES)
-    return Scale(low, high, *_ticks(low, high), _MAPS["BRDF"])
-
-
-def _ticks(low: float, high: float) -> tuple[list[float], list[str]]:
-    """Decades, and 1-2-5 in between where there are fewer than three of them."""
-    ticks, words = log_ticks(low, high)
-    if len(ticks) > 2:
-        return ticks, words
-    steps = [(f, d) for d in range(floor(low), ceil(high) + 1) for f in (1, 2, 5)]
+    every = (1,) if high - low > 2.0 else (1, 2, 5)
+    steps = [(f, d) for d in range(floor(low), ceil(high) + 1) for f in every]
     inside = [(f, d) for f, d in steps if low <= log10(f) + d <= high]
-    return [log10(f) + d for f, d in inside], [number(f * 10.0**d) for f, d in inside]
+    words = [number(f * 10.0**d) for f, d in inside]
+    return Scale(low, high, [log10(f) + d for f, d in inside], words, _MAPS["BRDF"])
 
 
 def _share_scale(dolp: Array) -> Scale:
     known = dolp[np.isfinite(dolp)]
     high = min(1.0, ceil(10.0 * max(float(known.max(initial=0.0)), 0.05) - 1e-9) / 10.0)
-    return Scale(0.0, high, *linear_ticks(0.0, high), _MAPS["DoLP"])
+    steps = MaxNLocator(4, steps=[1, 2, 5, 10]).tick_values(0.0, high)
+    ticks = [float(t) for t in steps if t <= high + 1e-9]
+    return Scale(0.0, high, ticks, [f"{t:.3g}" for t in ticks], _MAPS["DoLP"])
 
 
 # ------------------------------------------------------------------------------------------ curves
@@ -219,85 +218,60 @@ def _in_plane(values: SceneValues) -> tuple[Array, NDArray[np.int64], NDArray[np
 def _brdf_curves(
     theta: Array, strands: dict[str, Array], theta_i: float, middle: int, name: str
 ) -> Markup:
-    logs = {q: log10_or_gap(v) for q, v in strands.items()}
-    low, high = limits(*logs.values(), pad=0.05, least=0.6)
-    low = max(low, high - _DECADES)
-    panel = _frame(f"In the plane of incidence, θ_i = {degrees(theta_i)}", (low, high))
-    panel.y_axis(*_ticks(low, high), "BRDF (sr⁻¹)")
-    panel.segments([(theta_i, low, theta_i, high)], color=FAINT, width=0.9)
-    at = panel.width * (theta_i + 90.0) / 180.0
-    panel.words(
-        at, panel.height + 4, "specular", size=9, align="right" if theta_i > 65 else "center"
-    )
-    for q, curve in logs.items():
-        _strand(panel, theta, curve, q, middle)
-    _key(panel, list(logs))
+    low, high = limits(*(np.log10(positive(v)) for v in strands.values()), pad=0.05, least=0.6)
+    axes = _axes(f"In the plane of incidence, θ_i = {degrees(theta_i)}", "BRDF (sr⁻¹)")
+    logarithmic(axes, 10.0 ** max(low, high - _DECADES), 10.0**high)
+    mark_specular(axes, theta_i)
+    plot_strands(axes, theta, {q: positive(v) for q, v in strands.items()}, middle)
     said = "; ".join(f"{q} {span(v[:, middle])} per sr" for q, v in strands.items())
     label = f"BRDF in the plane of incidence at {degrees(theta_i)}: {said}"
-    return inline_svg(panel.figure, name=name, label=label)
+    return inline_svg(figure_of(axes), name=name, label=label)
 
 
 def _dolp_curve(
     theta: Array, curve: Array, theta_i: float, values: SceneValues, name: str
 ) -> Markup:
-    scale, incident = _share_scale(curve), values.scene.stokes_incident
-    title = f"Polarisation in the plane, θ_i = {degrees(theta_i)}"
-    panel = _frame(title, (0.0, scale.high))
-    panel.y_axis(scale.ticks, scale.words, "degree of linear polarisation")
-    _strand(panel, theta, curve, incident, values.at_median)
-    _key(panel, [incident])
+    axes = _axes(f"Polarisation in the plane, θ_i = {degrees(theta_i)}",
+                 "degree of linear polarisation")  # fmt: skip
+    axes.set_ylim(0.0, _share_scale(curve).high)
+    plot_strands(axes, theta, {values.scene.stokes_incident: curve}, values.at_median)
     label = f"Degree of linear polarisation in plane: {span(curve[:, values.at_median])}"
-    return inline_svg(panel.figure, name=name, label=label)
+    return inline_svg(figure_of(axes), name=name, label=label)
 
 
 def _dhr(values: SceneValues, tag: str) -> list[ScenePicture]:
     scene = values.scene
     if values.dhr is None or len(scene.dhr_theta_i_deg) < 2:
         return []
-    theta = np.array(scene.dhr_theta_i_deg)
-    _, high = limits(values.dhr, pad=0.06)
-    panel = _frame("Hemispherical reflectance", (0.0, high), x=(0.0, 90.0))
-    panel.y_axis(*linear_ticks(0.0, high), "DHR")
-    for q, curve in zip(scene.polarizations, values.dhr, strict=True):
-        _strand(panel, theta, curve, q, values.at_median)
-    _key(panel, list(scene.polarizations))
-    said = "; ".join(
-        f"{q} {span(v[:, values.at_median])}"
-        for q, v in zip(scene.polarizations, values.dhr, strict=True)
+    strands = dict(zip(scene.polarizations, values.dhr, strict=True))
+    axes = _axes("Hemispherical reflectance", "DHR")
+    axes.set(xlim=(0.0, 90.0), ylim=(0.0, limits(values.dhr, pad=0.06)[1]))
+    angles(axes.xaxis, 0, 30, 60, 90)
+    axes.set_xlabel("angle of incidence θ_i")
+    plot_strands(axes, np.array(scene.dhr_theta_i_deg), strands, values.at_median)
+    said = "; ".join(f"{q} {span(v[:, values.at_median])}" for q, v in strands.items())
+    svg = inline_svg(
+        figure_of(axes), name=f"scene-dhr{tag}", label=f"DHR against incidence: {said}"
     )
-    label = f"DHR against incidence: {said}"
-    svg = inline_svg(panel.figure, name=f"scene-dhr{tag}", label=label)
     return [ScenePicture(f"scene_dhr{tag}", "dhr", svg)]
 
 
-def _frame(
-    title: str, y: tuple[float, float], *, x: tuple[float, float] = (-90.0, 90.0)
-) -> Panel:  # fmt: skip
-    figure = new_figure(WIDTH, _CURVE + 108.0)
-    panel = Panel(figure, 46.0, 58.0, WIDTH - 56.0, _CURVE, x, y)
-    panel.words(-44.0, panel.height + 32, title, color=INK, size=11.5, align="left")
-    if x[0] < 0.0:
-        panel.x_axis(*theta_ticks(), "scattering angle θ_r")
-    else:
-        ticks = list(range(0, 91, 30))
-        panel.x_axis(ticks, [f"{t}°" for t in ticks], "angle of incidence θ_i")
-    return panel
+def _axes(title: str, quantity: str) -> Axes:
+    (axes,) = new_axes(WIDTH, 278.0, (46, 58, WIDTH - 56, 170))
+    axes.set_xlim(-90.0, 90.0)
+    angles(axes.xaxis, -60, -30, 0, 30, 60)
+    name_axes(axes, "scattering angle θ_r", quantity)
+    axes.annotate(title, (0, 1), (-44, 32), "axes fraction", "offset points", fontsize=11.5)
+    return axes
 
 
-def _strand(panel: Panel, x: Array, curve: Array, q: str, middle: int) -> None:
-    look = LOOKS[q]
-    if curve.shape[1] > 1:
-        panel.fill(x, curve[:, 0], curve[:, -1], look.color, 0.25)
-    panel.line(x, curve[:, middle], look.color, 1.5, look.dash)
-
-
-def _key(panel: Panel, words: Sequence[str]) -> None:
-    """Line and word of each polarisation, below the axis."""
-    at = 0.0
-    for q in words:
+def plot_strands(axes: Axes, x: Array, strands: Mapping[str, Array], middle: int) -> Axes:
+    """Draw curves of shape (n_x, n_quantile) with their bands and a legend below the axis."""
+    for q, curve in strands.items():
         look = LOOKS[q]
-        x = panel.x[0] + (panel.x[1] - panel.x[0]) * np.array([at, at + 26.0]) / panel.width
-        y = panel.y[0] - (panel.y[1] - panel.y[0]) * 46.0 / panel.height
-        panel.segments([(x[0], y, x[1], y)], look.color, 1.5, look.dash, clip=False)
-        panel.words(at + 32.0, -49.5, look.word, color=INK, align="left")
-        at += 32.0 + 6.0 * len(look.word) + 22.0
+        if curve.shape[1] > 1:
+            shade(axes, x, curve[:, 0], curve[:, -1], look.color, 0.25)
+        axes.plot(x, curve[:, middle], lw=1.5, label=look.word, **look.line)
+    axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.22), ncols=3, frameon=False,
+                borderpad=0, borderaxespad=0, handlelength=2.5, fontsize=10.5)  # fmt: skip
+    return axes

@@ -2,35 +2,20 @@
 
 Matplotlib writes a stand-alone file. Inside a page its ids would collide between figures, its
 ``<style>`` would leak onto the page and its fixed size would defeat small screens; six decimals of
-a pixel double the size for nothing. `inline_svg` removes all four and leaves text as text, so that
-it is set in the font of the page and can be selected.
+a pixel and an element for each point multiply the size. `inline_svg` removes all that and leaves
+text as text, so that it is set in the font of the page and can be selected.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from io import StringIO
-from typing import Any
 
-import matplotlib as mpl
 from markupsafe import Markup, escape
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-STYLE: dict[Any, Any] = {
-    "svg.fonttype": "none",
-    "svg.hashsalt": "pbrdf_bayes",
-    "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],
-    "path.simplify": True,
-    "path.simplify_threshold": 0.15,
-    "text.parse_math": False,
-}
-"""Settings of matplotlib that every figure relies on; all others are matplotlib's own defaults."""
-
-_ATTRIBUTE = re.compile(r' (d|x|y|width|height|transform)="([^"]*)"')
+_ATTRIBUTE = re.compile(r' (d|x|y|width|height|transform|points)="([^"]*)"')
 _DECIMAL = re.compile(r"-?\d+\.\d+")
 _BREAK = re.compile(r"\s+(?=[A-Za-z])|(?<=[A-Za-z])\s+|\s+$")
 _LEVEL = re.compile(r"M(\S+) (\S+?)L(\S+) \2(?=[MLz]|$)")
@@ -38,16 +23,10 @@ _FONT = re.compile(r"font-family: [^;\"]*;? ?")
 _NO_TURN = re.compile(r' transform="rotate\(-?0 [^"]*\)"')
 _ID = re.compile(r' id="([^"]*)"')
 _REFERENCE = re.compile(r'url\(#([^)]*)\)|href="#([^"]*)"')
+_USE = r'<use href="#(\S+)" x="(\S+)" y="(\S+)" style="([^"]*)"/>\s*'
+_POINTS = re.compile(rf'{_USE}(?:<use href="#\1" x="\S+" y="\S+" style="\4"/>\s*)+')
+_AT = re.compile(r'x="(\S+)" y="(\S+)"')
 _TEXT = re.compile(r"(<text[^>]*>)([^<]*)(</text>)")
-
-
-@contextmanager
-def figure_style() -> Iterator[None]:
-    """Draw under the defaults of matplotlib and `STYLE`, whatever the user's settings are."""
-    with mpl.rc_context():
-        mpl.rcdefaults()
-        mpl.rcParams.update(STYLE)
-        yield
 
 
 def inline_svg(figure: Figure, *, name: str, label: str) -> Markup:
@@ -73,8 +52,9 @@ def inline_svg(figure: Figure, *, name: str, label: str) -> Markup:
     text = file.getvalue()
     body = text[text.index(">", text.index("<svg")) + 1 :]
     body = re.sub(r"<defs>\s*<style.*?</style>\s*</defs>", "", body, count=1, flags=re.DOTALL)
+    body = _POINTS.sub(_as_markers, body.replace("xlink:href", "href"))
     body = _ATTRIBUTE.sub(_short_attribute, _own_ids(body, name))
-    body = _NO_TURN.sub("", _FONT.sub("", body.replace("xlink:href", "href")))
+    body = _NO_TURN.sub("", _FONT.sub("", re.sub(r"<g[^>]*/>", "", body)))
     body = re.sub(r">\s+<", "><", _TEXT.sub(_with_subscripts, body).strip())
     width, height = (72 * size for size in figure.get_size_inches())
     opening = (
@@ -82,6 +62,17 @@ def inline_svg(figure: Figure, *, name: str, label: str) -> Markup:
         f' style="max-width:{1.35 * width:.0f}px" aria-label="{escape(label)}">'
     )
     return Markup(opening + body)  # the label is escaped, the rest is drawn here
+
+
+def _as_markers(match: re.Match[str]) -> str:
+    """One line with a marker at each point for a run of equal points."""
+    points = " ".join(f"{x} {y}" for x, y in _AT.findall(match[0]))
+    own = f"{match[1]}-{match.start()}"
+    return (
+        f'<marker id="{own}" overflow="visible" markerUnits="userSpaceOnUse" style="{match[4]}">'
+        f'<use href="#{match[1]}"/></marker>'
+        f'<polyline points="{points}" style="fill: none; marker: url(#{own})"/>'
+    )
 
 
 def _own_ids(body: str, name: str) -> str:
