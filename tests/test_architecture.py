@@ -36,7 +36,7 @@ HOMES = {
     "matplotlib": {"report", "bench"}, "jinja2": {"report", "bench"}, "nlopt": {"inference.optimum.map_fit"},
     "emcee": {"inference.sampling.moves", "inference.sampling.ensembles", "inference.sampling.sampling"}, "arviz_stats": {"inference.arviz_adapter"},
     "jsonschema": {"io"}, "tomllib": {"io"}, "csv": {"io", "batch.index"}, "argparse": {"verbs", "cli"}, "pandas": {"io"},
-    "h5py": {"io.netcdf_tree"}, "xarray": {"io", "workflow.tree", "results"}, "numba": {"physics", "inference", "bench", "workflow.compile_ahead"},
+    "h5py": set(), "xarray": {"io", "workflow.tree", "results"}, "numba": {"physics", "inference", "bench", "workflow.compile_ahead"},
     "llvmlite": {"physics.elementary"}, "fcntl": {"io.locks"}, "signal": {"cli", "batch.work"}, "distributed": {"batch.executors"},
     "threadpoolctl": {"inference", "bench", "design"}, "subprocess": {"workflow.compile_ahead", "io.print_pdf"}, "pickle": set(), "arviz": set(),
     "random": set(), "pathlib": {"io", "workflow.compile_ahead", "workflow", "verbs", "cli", "bench", "batch", "physics.compiled"},

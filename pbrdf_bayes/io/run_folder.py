@@ -20,7 +20,6 @@ import xarray as xr
 
 from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.io.locks import try_lock
-from pbrdf_bayes.io.netcdf_tree import tree_bytes
 from pbrdf_bayes.io.outside import MAX_TEXT_BYTES, read_ordinary
 from pbrdf_bayes.io.safe_names import safe_name
 from pbrdf_bayes.results import SCHEMA_VERSION, Analysis
@@ -218,7 +217,7 @@ def save_analysis(analysis: Analysis, folder: Path, *, report: str, log: str) ->
     summary = finite_only(analysis.summary)
     validate_summary(summary, where=str(folder))
     # made in memory: where the disk is full, HDF5 ends the process
-    posterior = tree_bytes(analysis.draws)
+    posterior = bytes(analysis.draws.to_netcdf(engine="h5netcdf"))
     write_bytes(folder / POSTERIOR, posterior)
     write_text(folder / CONFIG, analysis.config_toml)
     write_text(folder / LOG, log)

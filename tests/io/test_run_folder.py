@@ -23,7 +23,6 @@ from hypothesis import strategies as st
 import pbrdf_bayes as pb
 from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.io import run_folder
-from pbrdf_bayes.io.netcdf_tree import tree_bytes
 from pbrdf_bayes.io.run_folder import (
     finite_only,
     is_finished,
@@ -465,28 +464,6 @@ def test_errors_of_the_run_folder_are_ours() -> None:
     assert issubclass(RunFolderError, pb.PbrdfError)
     assert issubclass(RunFolderError, OSError)
     assert RunFolderError.exit_code == 2
-
-
-def test_the_tree_is_written_as_xarray_writes_it(loaded: Analysis, tmp_path: Path) -> None:
-    """Values, types, order and attributes of every variable, against xarray's own writer."""
-    trees = []
-    for name, content in (
-        ("own.nc", tree_bytes(loaded.draws)),
-        ("theirs.nc", bytes(loaded.draws.to_netcdf(engine="h5netcdf"))),
-    ):
-        (tmp_path / name).write_bytes(content)
-        with xr.open_datatree(tmp_path / name, engine="h5netcdf") as tree:
-            trees.append(tree.load())
-    own, theirs = trees
-    assert list(own.children) == list(theirs.children)
-    for name in own.children:
-        a, b = own[name].to_dataset(), theirs[name].to_dataset()
-        xr.testing.assert_identical(a, b)
-        assert list(a.variables) == list(b.variables)
-        for key in a.variables:
-            assert a[key].dtype == b[key].dtype, (name, key)
-            for what in ("dtype", "coordinates", "_FillValue"):
-                assert str(a[key].encoding.get(what)) == str(b[key].encoding.get(what)), (name, key)
 
 
 @pytest.mark.parametrize("raised", [AttributeError, KeyError, RuntimeError, TypeError])
