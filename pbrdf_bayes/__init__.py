@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pbrdf_bayes.analysis import Analysis, load_analysis
     from pbrdf_bayes.batch.run import fit_batch
     from pbrdf_bayes.config import RunConfig
     from pbrdf_bayes.design.candidates import Candidate, Costs
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from pbrdf_bayes.inference.posterior import Posterior, build_posterior
     from pbrdf_bayes.io.document_toml import read_document
     from pbrdf_bayes.io.limits_toml import read_limits
-    from pbrdf_bayes.io.run_folder import load_analysis
     from pbrdf_bayes.io.tidy_csv import read_measurement, write_tidy_csv
     from pbrdf_bayes.measurement import Measurement
     from pbrdf_bayes.model.diffuse_directional import ddr
@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     from pbrdf_bayes.model.simulate import GREEN_PAINT, simulate_measurement
     from pbrdf_bayes.readings.checks import check_measurement
     from pbrdf_bayes.report.page import render_report
-    from pbrdf_bayes.results import Analysis
     from pbrdf_bayes.scene.prediction import predict_scene
     from pbrdf_bayes.scenes import Scene
     from pbrdf_bayes.workflow.assessment import assess_conformity
@@ -58,7 +57,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOME = {
-    "Analysis": "results",
+    "Analysis": "analysis",
     "Candidate": "design.candidates",
     "ClusterError": "errors",
     "ConfigError": "errors",
@@ -87,7 +86,7 @@ _HOME = {
     "dhr": "model.four_parameter",
     "fit": "workflow.fitting",
     "fit_batch": "batch.run",
-    "load_analysis": "io.run_folder",
+    "load_analysis": "analysis",
     "mueller": "model.polarimetry",
     "normalisation_error": "model.four_parameter",
     "predict_scene": "scene.prediction",

@@ -22,7 +22,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("scenes", "specification", "document"),
     ("model",),
     ("readings", "scene", "inference", "io", "report"),
-    ("verdicts", "conform", "design"),
+    ("verdicts", "analysis"),
+    ("conform", "design"),
     ("workflow",),
     ("bench", "batch"),
     ("verbs",),
@@ -39,7 +40,7 @@ HOMES = {
     "h5py": set(), "xarray": {"io", "workflow.tree", "results"}, "numba": {"physics", "inference", "bench", "workflow.compile_ahead"},
     "llvmlite": {"physics.elementary"}, "fcntl": {"io.locks"}, "signal": {"cli", "batch.work"}, "distributed": {"batch.executors"},
     "threadpoolctl": {"inference", "bench", "design"}, "subprocess": {"workflow.compile_ahead", "io.print_pdf"}, "pickle": set(), "arviz": set(),
-    "random": set(), "pathlib": {"io", "workflow.compile_ahead", "workflow", "verbs", "cli", "bench", "batch", "physics.compiled"},
+    "random": set(), "pathlib": {"io", "analysis", "workflow.compile_ahead", "workflow", "verbs", "cli", "bench", "batch", "physics.compiled"},
     "os": {"io", "cli", "bench", "batch"}, "tempfile": {"io"}, "time": {"inference.effects_choice.choose", "inference.sampling.ensembles", "io.checkpoint", "workflow.fitting", "verbs.terminal", "bench", "batch"},
 }  # fmt: skip
 """What only these parts import, wherever it is imported at all."""

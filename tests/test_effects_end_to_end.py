@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pbrdf_bayes.analysis import load_analysis
 from pbrdf_bayes.cli import main
-from pbrdf_bayes.io.run_folder import load_analysis
 
 TRUTH = {
     "n": 1.5, "k": 0.2, "sigma_n0": 0.6, "rho0": 0.4, "lambert": 0.03, "volume": 0.05,

@@ -248,24 +248,23 @@ def _write_summary(folder: Path, summary: Mapping[str, Any], posterior: bytes) -
     write_text(folder / SUMMARY, json.dumps(whole, indent=1, ensure_ascii=False) + "\n")
 
 
-def load_analysis(folder: Path | str) -> Analysis:
+def read_run(folder: Path) -> Analysis:
     """Read a finished run back.
 
     Parameters
     ----------
-    folder : Path or str
-        The run folder.
+    folder : Path
 
     Returns
     -------
     Analysis
+        As it is stored; see `pbrdf_bayes.load_analysis`.
 
     Raises
     ------
     RunFolderError
         Not a finished run, or a file of it is missing or damaged.
     """
-    folder = Path(folder)
     stored = _stored_summary(folder)
     checksum = stored.pop(_CHECKSUM, None)
     try:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.analysis import Analysis
 from pbrdf_bayes.conform.conformity import (
     Judged,
     Measurand,
@@ -25,7 +26,6 @@ from pbrdf_bayes.errors import ConfigError, DomainError
 from pbrdf_bayes.io.run_folder import finite_only
 from pbrdf_bayes.model.four_parameter import DOMAIN, MAX_THETA_I_DEG, checked_angles
 from pbrdf_bayes.physics.scene import EffectValues
-from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.specification import Limit, Specification, one_of
 from pbrdf_bayes.verdicts.applicability import APPLIES, DOES_NOT_APPLY
 from pbrdf_bayes.workflow.measurands import Sample, draw_measurands, sample_of

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.analysis import Analysis
 from pbrdf_bayes.config import ACCURACIES, AUTO, RunConfig
 from pbrdf_bayes.inference.effects_choice.choose import choose_effects, time_likelihood
 from pbrdf_bayes.inference.effects_choice.records import EffectsChoice
@@ -50,7 +51,7 @@ from pbrdf_bayes.io.tidy_csv import read_measurement
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.readings.checks import DataCheck, check_measurement
 from pbrdf_bayes.report.page import render_report
-from pbrdf_bayes.results import N_BAND_DRAWS, Analysis
+from pbrdf_bayes.results import N_BAND_DRAWS
 from pbrdf_bayes.verdicts.applicability import (
     find_repeatability,
     held_out_rms,
@@ -233,7 +234,10 @@ def _fit_posterior(
         widths=widths,
     )  # fmt: skip
     return Analysis(
-        summary=summarise(stages), draws=build_tree(stages), config_toml=config_to_toml(config)
+        summary=summarise(stages),
+        draws=build_tree(stages),
+        config_toml=config_to_toml(config),
+        fitted=posterior,
     )
 
 

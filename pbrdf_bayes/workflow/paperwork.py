@@ -9,13 +9,13 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from pbrdf_bayes.analysis import Analysis, load_analysis
 from pbrdf_bayes.document import Document, fill_in
 from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.io import run_folder
 from pbrdf_bayes.io.print_pdf import find_browser, print_pdf
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.report.page import render_report
-from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.specification import Specification
 from pbrdf_bayes.workflow.assessment import (
     assess_conformity,
@@ -102,7 +102,7 @@ def complete(analysis: Analysis, wanted: Paperwork) -> Analysis:
     """The analysis with verdicts and items in its summary."""
     added: dict[str, Any] = {}
     if wanted.specification is not None:
-        other = None if wanted.reference is None else run_folder.load_analysis(wanted.reference)
+        other = None if wanted.reference is None else load_analysis(wanted.reference)
         found = assess_conformity(analysis, wanted.specification, other)
         digest = _digest(wanted.specification, wanted.reference)
         added["conformity"] = {**found, "specification_sha256": digest}
@@ -121,7 +121,7 @@ def amend_folder(folder: Path, wanted: Paperwork, *, brief: bool = False) -> Pat
     ConfigError, RunFolderError
     """
     wanted.check()
-    found = run_folder.load_analysis(folder)
+    found = load_analysis(folder)
     analysis = complete(found, wanted)
     if brief and run_folder.finite_only(analysis.summary) == found.summary:
         return folder / run_folder.REPORT

@@ -21,12 +21,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import pbrdf_bayes as pb
+from pbrdf_bayes.analysis import load_analysis
 from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.io import run_folder
 from pbrdf_bayes.io.run_folder import (
     finite_only,
     is_finished,
-    load_analysis,
     load_summary,
     locked,
     new_run_folder,
