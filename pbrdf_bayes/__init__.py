@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from pbrdf_bayes.analysis import Analysis, load_analysis
     from pbrdf_bayes.batch.run import fit_batch
     from pbrdf_bayes.config import RunConfig
+    from pbrdf_bayes.conform.assessment import assess_conformity
     from pbrdf_bayes.design.candidates import Candidate, Costs
     from pbrdf_bayes.errors import (
         ClusterError,
@@ -49,7 +50,6 @@ if TYPE_CHECKING:
     from pbrdf_bayes.report.page import render_report
     from pbrdf_bayes.scene.prediction import predict_scene
     from pbrdf_bayes.scenes import Scene
-    from pbrdf_bayes.workflow.assessment import assess_conformity
     from pbrdf_bayes.workflow.fitting import fit
     from pbrdf_bayes.workflow.next_measurement import design_next
     from pbrdf_bayes.workflow.spectral_scene import predict_spectral_scene
@@ -76,7 +76,7 @@ _HOME = {
     "RunFolderError": "errors",
     "Scene": "scenes",
     "angle_of_linear_polarization_deg": "model.polarimetry",
-    "assess_conformity": "workflow.assessment",
+    "assess_conformity": "conform.assessment",
     "brdf": "model.four_parameter",
     "build_posterior": "inference.posterior",
     "check_measurement": "readings.checks",

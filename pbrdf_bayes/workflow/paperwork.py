@@ -10,6 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from pbrdf_bayes.analysis import Analysis, load_analysis
+from pbrdf_bayes.conform.assessment import (
+    assess_conformity,
+    check_reference_wanted,
+    check_specification,
+    check_wavelength,
+)
 from pbrdf_bayes.document import Document, fill_in
 from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.io import run_folder
@@ -17,12 +23,6 @@ from pbrdf_bayes.io.print_pdf import find_browser, print_pdf
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.report.page import render_report
 from pbrdf_bayes.specification import Specification
-from pbrdf_bayes.workflow.assessment import (
-    assess_conformity,
-    check_reference_wanted,
-    check_specification,
-    check_wavelength,
-)
 
 
 @dataclass(frozen=True)

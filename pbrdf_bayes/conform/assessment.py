@@ -22,13 +22,13 @@ from pbrdf_bayes.conform.conformity import (
     judge_limits,
     probability_of_not,
 )
+from pbrdf_bayes.conform.measurands import Sample, draw_measurands, sample_of
 from pbrdf_bayes.errors import ConfigError, DomainError
 from pbrdf_bayes.io.run_folder import finite_only
 from pbrdf_bayes.model.four_parameter import DOMAIN, MAX_THETA_I_DEG, checked_angles
 from pbrdf_bayes.physics.scene import EffectValues
 from pbrdf_bayes.specification import Limit, Specification, one_of
 from pbrdf_bayes.verdicts.applicability import APPLIES, DOES_NOT_APPLY
-from pbrdf_bayes.workflow.measurands import Sample, draw_measurands, sample_of
 
 Array = NDArray[np.float64]
 
