@@ -56,7 +56,7 @@ class Analysis(results.Analysis):
                 f"the run of {self.summary['sample']!r} was stored by pbrdf-bayes "
                 f"{self.summary['versions']['pbrdf-bayes']} without all columns of its readings, "
                 "so that its posterior cannot be rebuilt. 'report' reads it; for all else fit the "
-                "sample again"
+                "sample again into another folder"
             )
             raise RunFolderError(msg) from None
 

@@ -60,7 +60,7 @@ class Paperwork:
             check_specification(self.specification)
         check_reference_wanted(self.specification, given=self.reference is not None)
         if self.reference is not None:
-            run_folder.load_summary(self.reference)
+            run_folder.refuse_damage(self.reference, run_folder.load_summary(self.reference))
         if self.pdf:
             find_browser()
 
@@ -94,7 +94,7 @@ def _digest(specification: Specification, reference: Path | None) -> str:
     """Of the limits, and of the draws of the reference where there is one."""
     text = json.dumps(asdict(replace(specification, source="")), sort_keys=True)
     if reference is not None:
-        text += str(run_folder.load_summary(reference).get("posterior_sha256"))
+        text += str(run_folder.load_summary(reference).get("files"))
     return hashlib.sha256(text.encode()).hexdigest()
 
 

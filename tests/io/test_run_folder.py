@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 import os
+import re
 import shutil
 import stat
 import subprocess
@@ -22,6 +24,7 @@ from hypothesis import strategies as st
 
 import pbrdf_bayes as pb
 from pbrdf_bayes.analysis import load_analysis
+from pbrdf_bayes.cli import main
 from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.io import run_folder
 from pbrdf_bayes.io.run_folder import (
@@ -49,6 +52,14 @@ def run(finished_run: Path, tmp_path: Path) -> Path:
 @pytest.fixture(scope="module")
 def loaded(finished_run: Path) -> Analysis:
     return load_analysis(finished_run)
+
+
+def damage(path: Path, how: str) -> None:
+    """Take a file away, cut or empty it, or flip one bit in its middle."""
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    kept = {"cut": len(content) // 3, "empty": 0}.get(how, len(content))
+    path.unlink() if how == "missing" else path.write_bytes(content[:kept])
 
 
 def visible(folder: Path) -> set[str]:
@@ -175,28 +186,92 @@ def test_one_bit_of_a_draw_is_noticed(run: Path) -> None:
         load_analysis(run)
 
 
-def test_a_run_without_a_checksum_is_read(run: Path) -> None:
-    """As an earlier version wrote it."""
+def as_0_1(run: Path) -> None:
+    """Make a run what version 0.1 would have stored."""
+    with xr.open_datatree((run / "posterior.nc").read_bytes(), engine="h5netcdf") as tree:
+        draws = tree.load()
+    fixed = draws["constant_data"].to_dataset()
+    fixed.attrs.clear()
+    dropped = [name for name in fixed.data_vars if str(name).startswith(("scan_", "dhr_rep"))]
+    draws["constant_data"] = xr.DataTree(fixed.drop_vars(dropped))
+    content = bytes(draws.to_netcdf(engine="h5netcdf"))
+    (run / "posterior.nc").write_bytes(content)
     summary = json.loads((run / "summary.json").read_text(encoding="utf-8"))
-    assert len(summary.pop("posterior_sha256")) == 64
+    del summary["files"]
+    summary["posterior_sha256"] = hashlib.sha256(content).hexdigest()
     (run / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
-    assert load_analysis(run).summary == summary
+
+
+def test_a_run_of_version_0_1_is_read_or_refused_by_its_version(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    as_0_1(run)
+    found = load_analysis(run)
+    assert set(found.summary["files"]) == {"posterior.nc"}
+    assert main(["report", str(run)]) == 0
+    assert main(["predict", str(run), "--theta-i", "20"]) == 2
+    assert found.summary["versions"]["pbrdf-bayes"] in capsys.readouterr().err
+    (run / "posterior.nc").write_bytes(b"cut")
+    assert main(["report", str(run)]) == 2
+
+
+LIMITS = '[[limit]]\nname = "a"\nparameter = "n"\nupper = 2.0\n'
 
 
 @pytest.mark.parametrize("name", ["posterior.nc", "config.toml"])
-@pytest.mark.parametrize("how", ["missing", "cut", "empty"])
-def test_a_missing_or_damaged_file_is_an_error_with_advice(run: Path, name: str, how: str) -> None:
-    path = run / name
-    if how == "missing":
-        path.unlink()
-    else:
-        content = path.read_bytes()
-        path.write_bytes(content[: len(content) // 3] if how == "cut" else b"")
-    if name == "config.toml" and how != "missing":
-        load_analysis(run)  # text is text: the values used are those of the summary
-        return
-    with pytest.raises(RunFolderError, match=r"the run is damaged .*Fit again into another folder"):
+@pytest.mark.parametrize("how", ["missing", "cut", "empty", "altered"])
+def test_whatever_reads_a_run_finds_its_damage(
+    name: str, how: str, run: Path, small_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Report, predict, design, conform refuse it, as the run and as the reference; nothing else."""
+    limits = run.parent / "limits.toml"
+    limits.write_text(LIMITS)
+    damage(run / name, how)
+    before = {path.name: path.read_bytes() for path in run.iterdir()}
+    with pytest.raises(RunFolderError, match=re.escape(name)):
         load_analysis(run)
+    difference = limits.with_name("difference.toml")
+    difference.write_text(LIMITS.replace("limit", "difference").replace("upper", "tolerance"))
+    for arguments in (
+        ["report", run], ["predict", run], ["design", run], ["conform", run, "--limits", limits],
+        ["fit", small_csv, "--out", run.parent / "new", "--limits", difference, "--reference", run],
+    ):  # fmt: skip
+        assert main([str(word) for word in arguments]) == 2
+        told = capsys.readouterr().err
+        assert f"{run}: the run is damaged ({name} " in told
+        assert "--resume" in told
+    assert {path.name: path.read_bytes() for path in run.iterdir()} == before
+    assert not (run.parent / "new").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "how"),
+    [("posterior.nc", "missing"), ("posterior.nc", "cut"), ("posterior.nc", "altered"),
+     ("config.toml", "altered")],
+)  # fmt: skip
+def test_resume_fits_a_damaged_run_again_and_says_so(
+    name: str, how: str, run: Path, small_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also where progress is quiet; the draws are those that were lost."""
+    before = load_analysis(run)
+    damage(run / name, how)
+    arguments = ["fit", str(small_csv), "--accuracy", "draft", "--out", str(run), "--resume"]
+    assert main([*arguments, "--seed", "2"]) == 2  # another run is not replaced
+    assert main([*arguments, "--quiet"]) == 0
+    told = capsys.readouterr()
+    assert told.out == f"{run}\n"
+    notice = told.err.splitlines()[-1]
+    assert f"{name} " in notice
+    assert "fitted again" in notice
+    assert notice.removeprefix("pbrdf-bayes fit: ") in (run / "log.txt").read_text("utf-8")
+    again = load_analysis(run)
+    xr.testing.assert_identical(
+        again.draws["posterior"].to_dataset(), before.draws["posterior"].to_dataset()
+    )
+    stored = (run / "summary.json").stat().st_mtime_ns
+    assert main([*arguments, "--quiet"]) == 0
+    assert capsys.readouterr().err == ""
+    assert (run / "summary.json").stat().st_mtime_ns == stored
 
 
 # --------------------------------------------------------------------------------------- atomicity
@@ -476,5 +551,5 @@ def test_whatever_a_damaged_file_makes_the_reader_raise_is_one_error(
         raise raised("no attribute")
 
     monkeypatch.setattr(run_folder.xr, "open_datatree", fail)
-    with pytest.raises(RunFolderError, match=r"damaged .*Fit again into another folder"):
+    with pytest.raises(RunFolderError, match=r"damaged .*--resume"):
         load_analysis(finished_run)
