@@ -19,7 +19,7 @@ import jsonschema
 import xarray as xr
 
 from pbrdf_bayes.errors import RunFolderError
-from pbrdf_bayes.io.locks import try_lock
+from pbrdf_bayes.io.locks import GO_ON, try_lock
 from pbrdf_bayes.io.outside import MAX_TEXT_BYTES, read_ordinary
 from pbrdf_bayes.io.safe_names import safe_name
 from pbrdf_bayes.results import SCHEMA_VERSION, Analysis
@@ -103,7 +103,8 @@ def locked(folder: Path) -> Iterator[None]:
     Raises
     ------
     RunFolderError
-        When the folder cannot be made, another process holds it, or the lock in it is a link.
+        When the folder cannot be made, another process holds it, its file system cannot lock, or
+        the lock in it is a link.
     """
     lock = folder / LOCK
     if lock.is_symlink():  # opened, it would be followed out of the folder
@@ -120,7 +121,7 @@ def locked(folder: Path) -> Iterator[None]:
         msg = f"{folder}: cannot write there ({error.strerror}). Give another folder with --out"
         raise RunFolderError(msg) from None
     try:
-        if not try_lock(handle):
+        if not _try_lock(handle, folder):
             msg = (
                 f"{folder}: another process is writing this run. Wait for it, or use another --out"
             )
@@ -128,6 +129,18 @@ def locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(handle)
+
+
+def _try_lock(handle: int, folder: Path) -> bool:
+    try:
+        return try_lock(handle)
+    except OSError as error:
+        msg = (
+            f"{folder}: this file system cannot lock files ({error.strerror}), so that a second "
+            "process would not be refused. Give an --out on another one, or set the environment "
+            f"variable {GO_ON}=1 if no other process writes there"
+        )
+        raise RunFolderError(msg) from None
 
 
 def refuse_to_replace(path: Path, files: Iterable[Path], runs: Iterable[Path]) -> None:

@@ -27,6 +27,7 @@ from pbrdf_bayes.analysis import load_analysis
 from pbrdf_bayes.cli import main
 from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.io import run_folder
+from pbrdf_bayes.io.locks import GO_ON, only_one_at_a_time
 from pbrdf_bayes.io.run_folder import (
     finite_only,
     is_finished,
@@ -449,6 +450,41 @@ def test_the_lock_is_given_back_after_an_error(tmp_path: Path) -> None:
         raise KeyError
     with locked(tmp_path):
         pass
+
+
+@pytest.mark.skipif(os.name == "nt", reason="flock")
+@pytest.mark.parametrize("code", [errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EACCES])
+def test_a_file_system_that_cannot_lock_is_not_another_process(
+    code: int, run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import fcntl
+
+    def fail(*_: object) -> None:
+        raise OSError(code, os.strerror(code))
+
+    monkeypatch.setattr(fcntl, "flock", fail)
+    assert main(["report", str(run)]) == 2
+    told = capsys.readouterr().err
+    assert os.strerror(code) in told
+    assert "another process is writing" not in told
+    assert f"{GO_ON}=1" in told
+    monkeypatch.setenv(GO_ON, "1")
+    assert main(["report", str(run)]) == 0
+    with only_one_at_a_time(run / "other.lock"):  # goes on by itself
+        pass
+
+
+@pytest.mark.skipif(os.name == "nt", reason="flock")
+def test_a_lock_that_is_held_is_not_waived(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import fcntl
+
+    def fail(*_: object) -> None:
+        raise OSError(errno.EWOULDBLOCK, os.strerror(errno.EWOULDBLOCK))
+
+    monkeypatch.setattr(fcntl, "flock", fail)
+    monkeypatch.setenv(GO_ON, "1")
+    with pytest.raises(RunFolderError, match="another process"), locked(tmp_path):
+        pytest.fail("locked")
 
 
 def test_a_lock_inside_a_lock_is_refused(tmp_path: Path) -> None:
