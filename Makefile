@@ -54,24 +54,28 @@ define environment
 	printf '%s\n' "$$want" > "$$stamp"
 endef
 
-.PHONY: help demo test validate lint format clean
+.PHONY: help demo test test-slow validate lint format clean
 
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
 
 demo: ## fit the example paint; the path of its report is the last line
 	$(call environment,)
 	@folder=$$("$(ENV_PYTHON)" -m pbrdf_bayes fit "$(DEMO_CSV)" $(DEMO_ARGS)) && code=0 || code=$$?; \
 	if [ -n "$$folder" ]; then echo "$$folder/report.html"; fi; exit $$code
 
-test: ## the whole suite
+test: ## the suite
 	$(call environment,test)
-	@"$(ENV_PYTHON)" -m pytest -n $(JOBS) --dist loadfile $(PYTEST_ARGS)
+	@"$(ENV_PYTHON)" -m pytest -n $(JOBS) --dist loadfile -m "not slow" $(PYTEST_ARGS)
+
+test-slow: ## what takes long: small studies, stored pages, notebooks, large inputs
+	$(call environment,test)
+	@"$(ENV_PYTHON)" -m pytest -n $(JOBS) --dist loadfile -m slow $(PYTEST_ARGS)
 
 validate: ## simulated studies of ranks, coverage and designs (an hour); writes reports/calibration and design_loop
 	$(call environment,)
-	@"$(ENV_PYTHON)" -m tools.validation
-	@"$(ENV_PYTHON)" -m tools.validation.design_loop
+	@PYTHONPATH=. "$(ENV_PYTHON)" -m tools.validation
+	@PYTHONPATH=. "$(ENV_PYTHON)" -m tools.validation.design_loop
 
 lint: ## ruff, its formatter and mypy --strict, changing nothing
 	$(call environment,dev)

@@ -25,7 +25,7 @@ class Analysis(results.Analysis):
     Attributes
     ----------
     summary : mapping
-        The content of ``summary.json``, see ``pbrdf_bayes/io/summary.schema.json``.
+        The content of ``summary.json``, see `pbrdf_bayes.records.summary`.
     draws : xarray.DataTree
         The content of ``posterior.nc``, see `pbrdf_bayes.results`.
     config_toml : str

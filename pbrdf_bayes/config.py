@@ -8,20 +8,14 @@ from dataclasses import dataclass, field, fields
 from math import isfinite
 from typing import Any
 
+from pbrdf_bayes.effects_table import EFFECTS, FRESNEL_AT, LINE_SHAPES, alternatives_in
 from pbrdf_bayes.errors import ConfigError
 
 NOISES = ("correlated", "iid")
 DISCREPANCIES = ("matern-3/2", "matern-1/2")
 TAILS = ("normal", "student-t")
-SAMPLE_EFFECTS = ("lambert", "bulk", "volume", "narrowing", "backscatter")
-INSTRUMENT_EFFECTS = (
-    "dhr_offset", "scale_p", "leakage", "offset_theta_i", "offset_theta_r", "aperture",
-)  # fmt: skip
-EFFECTS = (*SAMPLE_EFFECTS, *INSTRUMENT_EFFECTS)
 AUTO = ("auto",)
 """``effects`` of a run that leaves the choice to the data."""
-LINE_SHAPES = ("lorentzian", "gaussian", "voigt", "cauchy")
-FRESNEL_AT = ("mean-sine", "geometric-mean", "mean-angle")
 _ELSEWHERE = {
     **{shape: f'a line shape: give line_shape = "{shape}" in the configuration'
        for shape in LINE_SHAPES},
@@ -73,8 +67,9 @@ class RunConfig:
     effects : tuple of str
         Effects added to the four-parameter model; empty is exactly the model of the 2011 paper,
         ``("auto",)`` those that predict readings left out better.
-    line_shape : {"lorentzian", "gaussian", "voigt", "cauchy"}
-        Profile of the lobes over the direction cosine; ``lorentzian`` is that of the 2011 paper.
+    line_shape : str
+        Profile of the lobes over the direction cosine, of `pbrdf_bayes.effects_table.LINE_SHAPES`;
+        ``lorentzian`` is that of the 2011 paper.
     fresnel_at : {"mean-sine", "geometric-mean", "mean-angle"}
         Where the reflectance of a lobe is taken: at the mean direction sine as in the 2011 paper,
         as sqrt(F(theta_i) F(theta_r)), or at the mean angle.
@@ -278,8 +273,10 @@ def _effects(names: tuple[str, ...]) -> None:
         if names.count(name) > 1:
             msg = f"effects: {name!r} is given twice. Give it once"
             raise ConfigError(msg)
-    if "lambert" in names and "bulk" in names:
-        msg = "effects: 'bulk' is an alternative to 'lambert', not an addition. Give one of them"
+    both = alternatives_in(names)
+    if both is not None:
+        one, other = both
+        msg = f"effects: {one!r} is an alternative to {other!r}, not an addition. Give one of them"
         raise ConfigError(msg)
 
 

@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pbrdf_bayes.errors import DataError
+from pbrdf_bayes.quantities import POLARIZATIONS as POLARIZATIONS
+from pbrdf_bayes.quantities import QUANTITIES, READ
 
-POLARIZATIONS = ("s", "p", "u")
-"""Polarisation words of the tidy CSV; ``u`` is unpolarised, the mean of s and p."""
-
-DHR_RANGE = (-0.05, 1.05)
-"""What a DHR reading may be: noise may take it beyond 0 and 1."""
 ANGLE_TOLERANCE_DEG = 0.05
 """Incidences and azimuths that differ by no more are one: encoders jitter."""
+DHR_RANGE = QUANTITIES["dhr"].readable
 MOST_SCANS = 10_000
 """Scans of one sample."""
 MAX_LABEL = 200
@@ -191,7 +189,7 @@ def measurement_from_columns(
 
     repeats = column(n_repeats, np.nan)
     repeated = np.nan_to_num(repeats, nan=1.0) > 1
-    is_brdf = quantity == "brdf"
+    is_brdf = np.isin(quantity, [q for q in READ if not QUANTITIES[q].hemispherical])
     theta_r, phi_r = name_half_plane(
         np.where(is_brdf, column(theta_r_deg, np.nan), np.nan),
         np.where(is_brdf, column(phi_r_deg, 0.0), 0.0),

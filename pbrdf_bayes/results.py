@@ -57,7 +57,6 @@ if TYPE_CHECKING:
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 """Quantiles of every stored band: the 50 % and the 90 % interval and the median."""
 
-SCHEMA_VERSION = 1
 N_BAND_DRAWS = 400
 """Draws of a run that its bands are made of."""
 
@@ -69,7 +68,7 @@ class Analysis:
     Attributes
     ----------
     summary : mapping
-        The content of ``summary.json``, see ``pbrdf_bayes/io/summary.schema.json``.
+        The content of ``summary.json``, see `pbrdf_bayes.records.summary.Summary`.
     draws : xarray.DataTree
         The content of ``posterior.nc``, see the module's docstring.
     config_toml : str

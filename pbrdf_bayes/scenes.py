@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from pbrdf_bayes.config import did_you_mean, is_finite, show_value
 from pbrdf_bayes.errors import ConfigError
+from pbrdf_bayes.quantities import POLARIZATIONS, S_AND_P
 
 if TYPE_CHECKING:  # the help of the command line comes from here and loads nothing heavy
     import numpy as np
@@ -21,7 +22,6 @@ if TYPE_CHECKING:  # the help of the command line comes from here and loads noth
 
     Array = NDArray[np.float64]
 
-POLARIZATIONS = ("s", "p", "u")
 PHASES = ("fresnel", "paper")
 MOST_DIRECTIONS = 1_000_000
 """Directions times polarisations of a scene, at most."""
@@ -98,7 +98,7 @@ class Scene:
     theta_i_deg: tuple[float, ...] = ()
     theta_r_deg: tuple[float, ...] = ()
     phi_r_deg: tuple[float, ...] = (0.0,)
-    polarizations: tuple[str, ...] = ("s", "p")
+    polarizations: tuple[str, ...] = S_AND_P
     dhr_theta_i_deg: tuple[float, ...] = ()
     stokes_incident: str = ""
     phase: str = "fresnel"

@@ -14,9 +14,8 @@ from typing import Any
 
 from pbrdf_bayes.config import did_you_mean, is_finite, show_value
 from pbrdf_bayes.errors import ConfigError
+from pbrdf_bayes.quantities import LIMITED, POLARIZATIONS, QUANTITIES
 
-QUANTITIES = ("parameter", "brdf", "dhr", "brdf_ratio")
-POLARIZATIONS = ("s", "p", "u")
 RULES = ("simple", "guard", "risk")
 MOST_POINTS = 5000
 """Points of all limits together: each takes thousands of draws."""
@@ -74,7 +73,7 @@ class Limit:
     difference: bool = False
 
     def __post_init__(self) -> None:
-        one_of("quantity", self.quantity, QUANTITIES)
+        one_of("quantity", self.quantity, ("parameter", *LIMITED))
         self._refuse_wrong_limits()
         if self.quantity == "parameter":
             if not self.parameter:
@@ -83,11 +82,12 @@ class Limit:
             self._refuse("polarization", "theta_i_deg", "theta_r_deg", "phi_r_deg")
             return
         self._refuse("parameter")
-        if self.quantity == "brdf_ratio":
-            self._refuse("polarization")
-        else:
+        what = QUANTITIES[self.quantity]
+        if what.polarized:
             one_of("polarization", self.polarization, POLARIZATIONS)
-        if self.quantity == "dhr":
+        else:
+            self._refuse("polarization")
+        if what.hemispherical:
             self._refuse("theta_r_deg", "phi_r_deg")
             self._refuse_no_share()
         elif not self.difference:
@@ -104,7 +104,7 @@ class Limit:
         """Of the limits."""
         if self.difference and self.quantity != "parameter":
             return "dex"
-        return "sr⁻¹" if self.quantity == "brdf" else ""
+        return "" if self.quantity == "parameter" else QUANTITIES[self.quantity].shown_unit
 
     def _refuse_wrong_limits(self) -> None:
         if not (isfinite(self.lower) or isfinite(self.upper)):
@@ -123,7 +123,8 @@ class Limit:
             value = getattr(self, key)
             if isfinite(value) and not 0.0 <= value <= 1.0 and not self.difference:
                 percent = f": {value:g} % is {value / 100.0:g}" * (1.0 < value <= 100.0)
-                msg = f"{key} = {value:g} is not allowed: a DHR is a share in [0, 1]{percent}"
+                what = QUANTITIES[self.quantity].one
+                msg = f"{key} = {value:g} is not allowed: {what} is a share in [0, 1]{percent}"
                 raise ConfigError(msg)
 
     def _refuse_not_positive(self) -> None:
@@ -131,7 +132,7 @@ class Limit:
         for key in ("lower", "upper"):
             value = getattr(self, key)
             if isfinite(value) and (value < 0.0 or value == self.upper == 0.0):
-                what = "a BRDF" if self.quantity == "brdf" else "a ratio of two BRDFs"
+                what = QUANTITIES[self.quantity].one
                 msg = f"{key} = {value:g} is not allowed: {what} is above 0"
                 raise ConfigError(msg)
 
@@ -142,7 +143,7 @@ class Limit:
                 raise ConfigError(msg)
 
     def _check_angles(self) -> None:
-        for key in ("theta_i_deg", *(("theta_r_deg",) if self.quantity != "dhr" else ())):
+        for key in QUANTITIES[self.quantity].angles:
             if not getattr(self, key):
                 msg = f'{key} is missing: give an angle, a list, or "LO:HI:STEP" [deg]'
                 raise ConfigError(msg)

@@ -1,9 +1,8 @@
-"""What a verdict is, and the thresholds of all of them."""
+"""The thresholds of all verdicts, and how a number is graded."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import hypot, inf, isnan
 
 MISFIT_WARN_DEX = 0.05
@@ -50,32 +49,6 @@ DISPLACED = 2.0
 """Posterior mean from the middle of the prior, in its standard deviations."""
 
 PASS, WARN, FAIL = "PASS", "WARN", "FAIL"
-
-
-@dataclass(frozen=True)
-class Diagnostic:
-    """One verdict.
-
-    Attributes
-    ----------
-    name, title : str
-    value : float
-        NaN where it could not be computed.
-    threshold : float
-    unit : str
-    verdict : {"PASS", "WARN", "FAIL"}
-    statement, advice : str
-        What was found, with its numbers; what follows from it (empty for PASS).
-    """
-
-    name: str
-    title: str
-    value: float
-    threshold: float
-    unit: str
-    verdict: str
-    statement: str
-    advice: str = ""
 
 
 def misfit_limit_dex(repeatability_dex: float) -> float:

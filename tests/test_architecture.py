@@ -17,9 +17,10 @@ ROOT = Path(pbrdf_bayes.__file__).parent
 PACKAGE = ROOT.name
 
 LAYERS: tuple[tuple[str, ...], ...] = (
-    ("errors", "physics"),
-    ("config", "measurement", "results", "verdict"),
-    ("scenes", "specification", "document"),
+    ("errors", "effects_table", "quantities"),
+    ("physics",),
+    ("config", "measurement", "records", "results", "verdict"),
+    ("scenes", "specification", "document", "words"),
     ("model",),
     ("readings", "scene", "inference", "io", "report"),
     ("verdicts", "analysis"),
@@ -36,7 +37,7 @@ BELOW_MODEL = {"model": {"physics", "errors"}, "config": {"errors"}, "measuremen
 HOMES = {
     "matplotlib": {"report", "bench"}, "jinja2": {"report", "bench"}, "nlopt": {"inference.optimum.map_fit"},
     "emcee": {"inference.sampling.moves", "inference.sampling.ensembles", "inference.sampling.sampling"}, "arviz_stats": {"inference.arviz_adapter"},
-    "jsonschema": {"io"}, "tomllib": {"io"}, "csv": {"io", "batch.index"}, "argparse": {"verbs", "cli"}, "pandas": {"io"},
+    "jsonschema": set(), "msgspec": {"records", "io.schemas", "workflow.summary"}, "tomllib": {"io"}, "csv": {"io", "batch.index"}, "argparse": {"verbs", "cli"}, "pandas": {"io"},
     "h5py": set(), "xarray": {"io", "workflow.tree", "results"}, "numba": {"physics", "inference", "bench", "workflow.compile_ahead"},
     "llvmlite": {"physics.elementary"}, "fcntl": {"io.locks"}, "signal": {"cli", "batch.work"}, "distributed": {"batch.executors"},
     "threadpoolctl": {"inference", "bench", "design"}, "subprocess": {"workflow.compile_ahead", "io.print_pdf"}, "pickle": set(), "arviz": set(),

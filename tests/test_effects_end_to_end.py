@@ -12,6 +12,8 @@ import pytest
 from pbrdf_bayes.analysis import load_analysis
 from pbrdf_bayes.cli import main
 
+pytestmark = pytest.mark.slow
+
 TRUTH = {
     "n": 1.5, "k": 0.2, "sigma_n0": 0.6, "rho0": 0.4, "lambert": 0.03, "volume": 0.05,
     "asymmetry": 0.45, "scale_p": 0.97,

@@ -20,7 +20,8 @@ from pbrdf_bayes.batch.trend import infer_trend
 from pbrdf_bayes.errors import DataError
 from pbrdf_bayes.io.formulas import guard
 from pbrdf_bayes.io.problems import printable
-from pbrdf_bayes.io.run_folder import finite_only, write_text
+from pbrdf_bayes.io.run_folder import write_text
+from pbrdf_bayes.records.values import plain
 from pbrdf_bayes.report.batch_page import render_batch
 
 INDEX_FILES = ("index.html", "index.csv", "index.json")
@@ -69,10 +70,10 @@ def write_index(
         "between_samples": None if len(groups) > 1 else groups[0]["parameters"] if groups else {},
         "by_wavelength": groups,
     }
-    text = json.dumps(finite_only(index), indent=1, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(plain(index), indent=1, ensure_ascii=False, allow_nan=False)
     write_text(folder / "index.json", text + "\n")
     write_text(folder / "index.csv", csv_text(rows))
-    write_text(folder / "index.html", render_batch(finite_only(index)))
+    write_text(folder / "index.html", render_batch(plain(index)))
 
 
 def csv_text(rows: Sequence[Row]) -> str:

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from pbrdf_bayes.batch.plan import Job
-from pbrdf_bayes.io.run_folder import finite_only
 from pbrdf_bayes.measurement import Measurement
+from pbrdf_bayes.records.values import plain
+from pbrdf_bayes.words import say
 
 DONE, FAILED, SKIPPED = "done", "failed", "skipped"
 """What became of a sample; skipped: fitted by an earlier batch, a repeat, or not reached."""
@@ -65,10 +66,7 @@ def finished_row(job: Job, summary: Mapping[str, Any], *, status: str, seconds: 
     One that did not converge has failed: its numbers stay in its run folder.
     """
     if summary["status"] != "done":
-        error = (
-            f"{job.folder}: not converged within max_steps; results are kept and marked. Raise "
-            "max_steps in the configuration, and go on with --resume"
-        )
+        error = say("batch.not_converged", folder=job.folder)
         return failed_row(job, error, seconds=seconds, run=job.folder)
     row = _row(
         job, status, verdict=summary["verdict"], headline=summary["headline"], run=job.folder,
@@ -80,7 +78,7 @@ def finished_row(job: Job, summary: Mapping[str, Any], *, status: str, seconds: 
             if record["kind"] != "nuisance"
         },
     )  # fmt: skip
-    found: Row = finite_only(row)
+    found: Row = plain(row)
     return found
 
 

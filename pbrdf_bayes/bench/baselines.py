@@ -10,8 +10,10 @@ from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.model.four_parameter import Parameters
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.elementary import log
+from pbrdf_bayes.physics.equations import FourParameters, dhr, lobe_across, lobe_along
 from pbrdf_bayes.physics.fresnel import lobes, surface
 from pbrdf_bayes.physics.normalisation.plain import Incidence, workspace
+from pbrdf_bayes.quantities import S_AND_P
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -77,14 +79,6 @@ class Floor:
 _NAMES = ("n", "k", "sigma_n0", "rho0")
 
 
-def _reflectance(x: Array, m2: complex) -> tuple[Array, Array]:
-    c = np.sqrt(1.0 - x * x)
-    c_t = np.sqrt(m2 - x * x)
-    r_s = (c - c_t) / (c + c_t)
-    r_p = (m2 * c - c_t) / (m2 * c + c_t)
-    return np.abs(r_s) ** 2, np.abs(r_p) ** 2
-
-
 class PlainLikelihood:
     """The same likelihood in plain NumPy, each scan normalised by a tensor Gauss rule.
 
@@ -107,31 +101,28 @@ class PlainLikelihood:
     def __call__(self, x: Array) -> float:
         """Log-likelihood of one parameter set, shape (n_par,)."""
         rows, measurement = self.posterior.rows, self.posterior.measurement
-        n, k, sigma_n0, rho0 = x[:4]
-        m2 = complex(n, -k) ** 2
-        f_0 = _reflectance(np.zeros(1), m2)[0][0]
+        paint = FourParameters(*x[:4].tolist())
         total = 0.0
         for j, scan in enumerate(measurement.scans):
-            q = "sp".index(scan.polarization)
+            q = S_AND_P.index(scan.polarization)
             alpha_i = float(np.sin(np.deg2rad(scan.theta_i_deg)))
             alpha = np.sin(np.deg2rad(measurement.brdf.theta_r_deg[scan.rows]))
-            norm = np.sum(self.weight * _shape(alpha_i, self.alpha, self.beta, m2, rho0, f_0, q))
-            lobe = _shape(alpha_i, alpha, np.zeros(alpha.size), m2, rho0, f_0, q)
-            dhr = sigma_n0 * _reflectance(np.array([alpha_i]), m2)[q][0]
-            residual = rows.y[scan.rows] - np.log(dhr / norm * lobe)
+            across = lobe_across(1 - q, self.beta, paint)
+            norm = np.sum(self.weight * lobe_along(q, self.alpha, alpha_i, paint) * across)
+            lobe = lobe_along(q, alpha, alpha_i, paint) * lobe_across(1 - q, 0.0, paint)
+            residual = rows.y[scan.rows] - np.log(dhr(q, alpha_i, paint) / norm * lobe)
             v = x[rows.noise_column[j]] ** 2
             total -= 0.5 * np.sum(residual**2 / v + np.log(2.0 * np.pi * v))
-        return float(total + self._dhr(x, m2))
+        return float(total + self._dhr(x, paint))
 
-    def _dhr(self, x: Array, m2: complex) -> float:
-        rows, dhr = self.posterior.rows, self.posterior.measurement.dhr
-        sine = np.sin(np.deg2rad(dhr.theta_i_deg))
-        both = x[2] * np.array(_reflectance(sine, m2))
+    def _dhr(self, x: Array, paint: FourParameters) -> float:
+        rows, readings = self.posterior.rows, self.posterior.measurement.dhr
+        sine = np.sin(np.deg2rad(readings.theta_i_deg))
         total = 0.0
         for q in (0, 1):
             mine = rows.dhr_group == q
-            model, v = both[q][mine], x[rows.dhr_noise_column] ** 2
-            residual = dhr.value[mine] - model
+            model, v = dhr(q, sine[mine], paint), x[rows.dhr_noise_column] ** 2
+            residual = readings.value[mine] - model
             weights = model @ model / v
             shrunk = rows.dhr_cal2 / (1.0 + rows.dhr_cal2 * weights)
             cross = residual @ model / v
@@ -139,17 +130,3 @@ class PlainLikelihood:
             total -= 0.5 * np.log1p(rows.dhr_cal2 * weights)
             total -= 0.5 * residual.size * np.log(2.0 * np.pi * v)
         return float(total)
-
-
-def _shape(
-    alpha_i: float, alpha: Array, beta: Array, m2: complex, rho0: float, f_0: float, q: int
-) -> Array:
-    """A_q(alpha) B_q'(beta), Eq. (3)."""
-    f_a = _reflectance(0.5 * (alpha + alpha_i), m2)[q]
-    f_b = _reflectance(0.5 * beta, m2)[1 - q]
-    rho_a, rho_b = rho0 * (1.0 - f_a) / (1.0 - f_0), rho0 * (1.0 - f_b) / (1.0 - f_0)
-    h_a = 0.25 * (np.sqrt(1.0 - alpha_i**2) + np.sqrt(1.0 - alpha**2)) ** 2
-    h_b = 0.25 * (1.0 + np.sqrt(1.0 - beta**2)) ** 2
-    a = f_a / ((alpha - alpha_i) ** 2 + h_a * rho_a**2)
-    b = f_b / (beta**2 + h_b * rho_b**2)
-    return np.asarray(a * b)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.bench.baselines import Floor, PlainLikelihood
 from pbrdf_bayes.bench.timing import straight_line, time_in_turns
-from pbrdf_bayes.config import EFFECTS, FRESNEL_AT, LINE_SHAPES, RunConfig
+from pbrdf_bayes.config import RunConfig
+from pbrdf_bayes.effects_table import EFFECT_PARAMETERS, EFFECTS, FRESNEL_AT, LINE_SHAPES
 from pbrdf_bayes.inference.likelihood.iid import iid_log_likelihood
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
 from pbrdf_bayes.measurement import Measurement, select_scans
@@ -26,10 +27,7 @@ RTOL_DIGITS = 6.0
 _SCATTER = 0.03
 _CENTRES = {
     "s_rel_s": 0.02, "s_rel_p": 0.02, "s_rel_u": 0.02, "tau": 0.03, "ell_deg": 20.0, "u_dhr": 5e-4,
-    "nu": 1.2, "eta": 0.7, "narrowing": 1.1, "lambert": 0.01, "bulk": 0.01, "volume": 0.01,
-    "asymmetry": 0.45, "backscatter": 0.01, "backscatter_width": 0.05, "dhr_offset": 1e-3,
-    "scale_p": 1.01, "leakage": 1e-3, "offset_theta_i_deg": 0.1, "offset_theta_r_deg": 0.1,
-    "aperture_deg": 0.5,
+    **{name: parameter.typical for name, parameter in EFFECT_PARAMETERS.items()},
 }  # fmt: skip
 _IID = RunConfig(noise="iid")
 _Case = tuple[Measurement, RunConfig]
@@ -197,7 +195,7 @@ def _at_once(pool: ThreadPoolExecutor, calls: list[Callable[[], object]]) -> Cal
 def _with_effects(measurement: Measurement, off: RunConfig) -> dict[str, _Case]:
     """Each effect, line shape and place of the Fresnel factor alone; with the DHR readings."""
     cases = {f"effect {name}": replace(off, effects=(name,)) for name in EFFECTS}
-    cases |= {f"{name} line shape": replace(off, line_shape=name) for name in LINE_SHAPES[1:]}
+    cases |= {f"{name} line shape": replace(off, line_shape=name) for name in list(LINE_SHAPES)[1:]}
     cases |= {f"Fresnel factor at {at}": replace(off, fresnel_at=at) for at in FRESNEL_AT[1:]}
     return {name: (measurement, config) for name, config in cases.items()}
 

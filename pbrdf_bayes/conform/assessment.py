@@ -6,9 +6,8 @@ the two have in common: they would cancel in a difference, which is so stated to
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -23,12 +22,15 @@ from pbrdf_bayes.conform.conformity import (
     probability_of_not,
 )
 from pbrdf_bayes.conform.measurands import Sample, draw_measurands, sample_of
+from pbrdf_bayes.effects_table import EFFECT_PARAMETERS
 from pbrdf_bayes.errors import ConfigError, DomainError
-from pbrdf_bayes.io.run_folder import finite_only
 from pbrdf_bayes.model.four_parameter import DOMAIN, MAX_THETA_I_DEG, checked_angles
-from pbrdf_bayes.physics.scene import EffectValues
+from pbrdf_bayes.quantities import QUANTITIES
+from pbrdf_bayes.records.summary import Conformity, LimitVerdict, Rule, RunIdentity
+from pbrdf_bayes.records.values import plain
 from pbrdf_bayes.specification import Limit, Specification, one_of
 from pbrdf_bayes.verdicts.applicability import APPLIES, DOES_NOT_APPLY
+from pbrdf_bayes.words import say
 
 Array = NDArray[np.float64]
 
@@ -36,7 +38,7 @@ _MOST_OF_PRIOR = 0.1
 """Share of the prior in a prediction beyond which a verdict on it would be the prior's."""
 _PRIOR_DRAWS = 2000
 _TINY = 1e-300
-PARAMETERS = (*DOMAIN, *EffectValues._fields)
+PARAMETERS = (*DOMAIN, *EFFECT_PARAMETERS)
 """What a limit on a parameter may name."""
 
 
@@ -77,7 +79,7 @@ def assess_conformity(
     Returns
     -------
     dict
-        Plain values; its schema is in ``pbrdf_bayes/io/summary.schema.json``.
+        Plain values of `pbrdf_bayes.records.summary.Conformity`.
 
     Raises
     ------
@@ -111,7 +113,8 @@ def assess_conformity(
         measurands, specification.decision, ess_least=ess, ess_finest=finest
     )
     record = _record(sample, specification, judged, overall, reference)
-    return dict(finite_only(record))
+    content: dict[str, Any] = plain(record)
+    return content
 
 
 def check_reference_wanted(specification: Specification | None, *, given: bool) -> None:
@@ -186,7 +189,7 @@ def _reservations(limits: Sequence[Limit], sample: Sample) -> dict[str, str]:
     ]  # fmt: skip
     predicted = [limit for limit in limits if limit.quantity != "parameter"]
     shares = prior_shares(sample, predicted) if unclear and predicted else {}
-    words = f"the readings do not identify {', '.join(unclear)}: the prior would decide"
+    words = say("conform.not_identified", name=", ".join(unclear))
     return {
         limit.name: _reservation(limit, sample)
         or (words if shares.get(limit.name, 0.0) > _MOST_OF_PRIOR else "")
@@ -222,84 +225,85 @@ def _reservation(limit: Limit, sample: Sample) -> str:
     summary = sample.analysis.summary
     applicability = summary["applicability"]["verdict"]
     if summary["status"] != "done":
-        return "the sampler did not converge"
+        return say("conform.not_converged")
     if applicability == DOES_NOT_APPLY:
-        return "the model does not apply to this sample"
+        return say("conform.does_not_apply")
     if limit.quantity == "parameter":
         row = summary["parameters"].get(limit.parameter)
         if row is None:
-            return f"{limit.parameter} is no parameter of this fit"
+            return say("conform.no_parameter", name=limit.parameter)
         if row["kind"] == "fixed":
-            return f"{limit.parameter} was held fixed, not measured"
+            return say("conform.fixed", name=limit.parameter)
         if not row["identified"]:
-            return f"the readings do not identify {limit.parameter}: the prior would decide"
+            return say("conform.not_identified", name=limit.parameter)
     if applicability != APPLIES:
         if limit.quantity == "parameter":
-            return "the model is descriptive only: its parameters are no properties of the sample"
-        if limit.quantity == "dhr" or sample.posterior.discrepancy is None:
-            return "the model is descriptive only, and what it misses here is not known"
-    return "" if summary["verdict"] != "FAIL" else "the fit failed its checks (verdict FAIL)"
+            return say("conform.no_properties")
+        if QUANTITIES[limit.quantity].hemispherical or sample.posterior.discrepancy is None:
+            return say("conform.misfit_unknown")
+    return "" if summary["verdict"] != "FAIL" else say("conform.failed")
 
 
 def _of_reference(reason: str) -> str:
-    return f"reference: {reason}" if reason else ""
+    return say("conform.reference", reason=reason) if reason else ""
 
 
 def _record(
     sample: Sample, specification: Specification, judged: tuple[Judged, ...], overall: Overall,
     reference: Analysis | None,
-) -> dict[str, Any]:  # fmt: skip
+) -> Conformity:  # fmt: skip
     rows = zip(specification.limits, judged, strict=True)
     with_paths = "tau" in sample.posterior.parameter_names
-    return {
-        "specification": specification.title,
-        "decision_rule": asdict(specification.decision),
-        "verdict": overall.verdict,
-        "reason": overall.reason,
-        "remark": overall.remark,
-        "probability": asdict(overall.probability),
-        "consumer_risk": overall.consumer_risk,
-        "producer_risk": overall.producer_risk,
-        "n_draws": len(sample.x),
-        "discrepancy": with_paths,
-        "reference": None if reference is None else {
-            "sample": reference.summary["sample"], "verdict": reference.summary["verdict"],
-            "created_utc": reference.summary["created_utc"],
-            "sha256": reference.summary["input"]["sha256"],
-        },
-        "limits": [_limit_record(limit, found) for limit, found in rows],
-    }  # fmt: skip
+    return Conformity(
+        specification=specification.title,
+        decision_rule=Rule(**asdict(specification.decision)),
+        verdict=overall.verdict,
+        reason=overall.reason,
+        remark=overall.remark,
+        probability=overall.probability,
+        consumer_risk=overall.consumer_risk,
+        producer_risk=overall.producer_risk,
+        n_draws=len(sample.x),
+        discrepancy=with_paths,
+        reference=None if reference is None else _identify(reference.summary),
+        limits=tuple(_limit_record(limit, found) for limit, found in rows),
+    )  # fmt: skip
 
 
-def _limit_record(limit: Limit, found: Judged) -> dict[str, Any]:
-    exceeds = asdict(probability_of_not(found.probability))
+def _identify(summary: Mapping[str, Any]) -> RunIdentity:
+    keys = ("sample", "verdict", "created_utc")
+    return RunIdentity(sha256=summary["input"]["sha256"], **{key: summary[key] for key in keys})
+
+
+def _limit_record(limit: Limit, found: Judged) -> LimitVerdict:
+    exceeds = probability_of_not(found.probability)
     theta_i = np.repeat(limit.theta_i_deg, max(len(limit.theta_r_deg), 1)).tolist()
     theta_r = np.tile(limit.theta_r_deg, max(len(limit.theta_i_deg), 1)).tolist()
-    return {
-        "name": limit.name,
-        "quantity": limit.quantity,
-        "parameter": limit.parameter,
-        "polarization": limit.polarization,
-        "phi_r_deg": limit.phi_r_deg,
-        "difference": limit.difference,
-        "unit": limit.unit,
-        "lower": limit.lower if isfinite(limit.lower) else None,
-        "upper": limit.upper if isfinite(limit.upper) else None,
-        "verdict": found.verdict,
-        "reason": found.reason,
-        "remark": found.remark,
-        "judged": found.judged,
-        "probability": asdict(found.probability),
-        "probability_exceeds": exceeds if limit.difference else None,
-        "consumer_risk": found.consumer_risk,
-        "producer_risk": found.producer_risk,
-        "worst": found.worst,
-        "theta_i_deg": theta_i,
-        "theta_r_deg": theta_r if limit.quantity not in ("parameter", "dhr") else [],
-        "mean": found.mean.tolist(),
-        "u": found.sd.tolist(),
-        "q025": found.low.tolist(),
-        "q975": found.high.tolist(),
-        "inside": found.inside.tolist(),
-        "guard": found.guard.tolist(),
-    }
+    return LimitVerdict(
+        name=limit.name,
+        quantity=limit.quantity,
+        parameter=limit.parameter,
+        polarization=limit.polarization,
+        phi_r_deg=limit.phi_r_deg,
+        difference=limit.difference,
+        unit=limit.unit,
+        lower=limit.lower,
+        upper=limit.upper,
+        verdict=found.verdict,
+        reason=found.reason,
+        remark=found.remark,
+        judged=found.judged,
+        probability=found.probability,
+        probability_exceeds=exceeds if limit.difference else None,
+        consumer_risk=found.consumer_risk,
+        producer_risk=found.producer_risk,
+        worst=found.worst,
+        theta_i_deg=theta_i,
+        theta_r_deg=theta_r if limit.theta_r_deg else [],
+        mean=found.mean.tolist(),
+        u=found.sd.tolist(),
+        q025=found.low.tolist(),
+        q975=found.high.tolist(),
+        inside=found.inside.tolist(),
+        guard=found.guard.tolist(),
+    )

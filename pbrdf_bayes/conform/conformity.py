@@ -34,7 +34,9 @@ from scipy.special import betaincinv
 
 from pbrdf_bayes.config import ACCURACIES
 from pbrdf_bayes.inference.arviz_adapter import ess_of_mean
+from pbrdf_bayes.records.summary import Probability
 from pbrdf_bayes.specification import DecisionRule
+from pbrdf_bayes.words import say
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -44,30 +46,6 @@ _Z = 1.96
 _OUTSIDE = 0.025
 ESS_FINEST = float(ACCURACIES["reference"].ess_target)
 """Effective draws of a fit of the highest accuracy, at least."""
-_RESERVED = "a limit that cannot be judged is left out of what is known"
-
-
-@dataclass(frozen=True)
-class Probability:
-    """A probability counted on draws.
-
-    Attributes
-    ----------
-    value : float
-    u : float
-        Monte Carlo standard error; 0 where no draw or every draw counts, and then `low` or `high`
-        is what is known.
-    low, high : float
-        95 % Clopper-Pearson limits at the effective number of draws.
-    ess : float
-        Effective number of draws.
-    """
-
-    value: float
-    u: float
-    low: float
-    high: float
-    ess: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +215,7 @@ def judge_limits(
     joint = count_probability(np.logical_and.reduce(usable or every), ess_least)
     verdict, reason = _together(judged, joint, rule, ess, n_usable=len(usable))
     if len(usable) < len(judged) and verdict == ACCEPT:
-        verdict, reason = UNDECIDED, _RESERVED
+        verdict, reason = UNDECIDED, say("conform.reserved")
     return judged, Overall(verdict, reason, _remark(verdict, joint), joint, *_risks(verdict, joint))
 
 
@@ -285,9 +263,8 @@ def _by_risk(p: Probability, rule: DecisionRule, ess: _Effective) -> tuple[str, 
         return UNDECIDED, _left_open(ess, consumer)
     if p.value <= producer:
         return UNDECIDED, _left_open(ess, producer)
-    return UNDECIDED, (
-        f"accepting would take a risk of {1.0 - p.value:.2g} (at most {consumer:g}), rejecting one "
-        f"of {p.value:.2g} (at most {producer:g})"
+    return UNDECIDED, say(
+        "conform.risk", accept=1.0 - p.value, consumer=consumer, reject=p.value, producer=producer
     )
 
 
@@ -301,9 +278,9 @@ def _by_estimate(
     if np.any(beyond - guard > slack):
         return REJECT, ""
     if np.any(2.0 * guard >= m.upper - m.lower):
-        return UNDECIDED, "the guard bands leave nothing of the tolerance interval"
+        return UNDECIDED, say("conform.all_guard")
     if guard.any() and np.any(beyond + guard > slack):
-        return UNDECIDED, "the estimate lies in a guard band"
+        return UNDECIDED, say("conform.in_guard")
     return UNDECIDED, _left_open(ess)
 
 
@@ -312,15 +289,16 @@ def _left_open(ess: _Effective, allowed: float = 1.0) -> str:
     least, finest = smallest_risk(ess.least), smallest_risk(ess.finest)
     finer = ess.finest > ess.least
     if allowed >= least:
-        remedy = ": fit with a higher --accuracy" if finer else "; no --accuracy makes more draws"
-        return f"the Monte Carlo error leaves it open{remedy}"
-    remedy = f"allow {finest:.2g} or more"
-    if finer:
-        shown = allowed >= finest
-        remedy = "fit with --accuracy reference" + (f", and {remedy}" if not shown else "")
-    return (
-        f"{ess.least:.0f} effective draws cannot show a risk below {least:.2g}, and {allowed:g} "
-        f"is allowed: {remedy}"
+        return say("conform.finer" if finer else "conform.finest")
+    remedies = [say("conform.reference_accuracy")] if finer else []
+    if not finer or allowed < finest:
+        remedies.append(say("conform.allow", risk=finest))
+    return say(
+        "conform.few_draws",
+        n=ess.least,
+        least=least,
+        allowed=allowed,
+        remedy=", and ".join(remedies),
     )
 
 
@@ -333,14 +311,14 @@ def _together(
     n_usable: int,
 ) -> tuple[str, str]:
     if not n_usable:
-        return UNDECIDED, "no limit can be judged"
+        return UNDECIDED, say("conform.none")
     if rule.rule == "risk":
         return _by_risk(joint, rule, ess)
     verdicts = [one.verdict for one in judged]
     if REJECT in verdicts:
         return REJECT, ""
     if UNDECIDED in verdicts:
-        return UNDECIDED, "a limit is undecided"
+        return UNDECIDED, say("conform.one_undecided")
     return ACCEPT, ""
 
 
@@ -348,10 +326,7 @@ def _remark(verdict: str, p: Probability) -> str:
     """Name a risk above a half: some rules look at the estimate alone."""
     for whose, risk in zip(("consumer", "producer"), _risks(verdict, p), strict=True):
         if risk > 0.5:
-            return (
-                f"more likely wrong than right: the {whose}'s risk of this decision is "
-                f"{100.0 * risk:.0f} %, which the rule does not limit"
-            )
+            return say("conform.wrong", whose=whose, percent=100.0 * risk)
     return ""
 
 

@@ -26,14 +26,14 @@ from numpy.typing import NDArray
 from pbrdf_bayes.analysis import Analysis
 from pbrdf_bayes.config import ACCURACIES
 from pbrdf_bayes.conform.conformity import ESS_FINEST
+from pbrdf_bayes.effects_table import INSTRUMENT_PARAMETERS
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.prediction.discrepancy import Process, draw_prior_discrepancy
 from pbrdf_bayes.inference.prediction.discrepancy_paths import draw_paths_given
 from pbrdf_bayes.measurement import name_half_plane
-from pbrdf_bayes.model.effects import INSTRUMENT_FIELDS
 from pbrdf_bayes.model.four_parameter import DOMAIN, digits_of
 from pbrdf_bayes.physics.geometry import prepare_geometry
-from pbrdf_bayes.physics.scene import EffectValues
+from pbrdf_bayes.physics.scene import FIELDS
 from pbrdf_bayes.results import draws_of_run
 from pbrdf_bayes.scene.prediction import DrawnModel
 from pbrdf_bayes.specification import Limit
@@ -130,11 +130,11 @@ def _parameter(sample: Sample, name: str) -> Array:
 def _model(sample: Sample) -> DrawnModel:
     """The model without what the instrument does."""
     config, names = sample.posterior.config, sample.posterior.parameter_names
-    kept = (*DOMAIN, *(name for name in EffectValues._fields if name in names))
+    kept = (*DOMAIN, *(name for name in FIELDS if name in names))
     x = np.ascontiguousarray(sample.x[:, [names.index(name) for name in kept]])
     digits = digits_of(ACCURACIES[config.accuracy].rtol)
     found = DrawnModel(x, kept, config.line_shape, config.fresnel_at, digits, {})
-    return found.without(INSTRUMENT_FIELDS)
+    return found.without(INSTRUMENT_PARAMETERS)
 
 
 def _words(limit: Limit) -> tuple[str, ...]:

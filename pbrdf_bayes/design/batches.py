@@ -34,6 +34,7 @@ from pbrdf_bayes.design.nested import (
     difference,
     expected_gain,
 )
+from pbrdf_bayes.quantities import POLARIZATIONS
 
 Array = NDArray[np.float64]
 
@@ -108,7 +109,7 @@ def joint_table(stage: Stage, members: Sequence[Evaluated]) -> PairTable:
     a gain. Scans that are alike would share the discrepancy as well.
     """
     tables = [m.table for m in members if m.reading is None and m.table is not None]
-    for q in "spu":
+    for q in POLARIZATIONS:
         readings = [m.reading for m in members if m.reading is not None]
         here = [r for r in readings if r.polarization == q]
         if here:

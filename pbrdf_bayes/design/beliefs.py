@@ -20,6 +20,7 @@ from pbrdf_bayes.inference.parameters.priors import NOISE_PRIORS
 from pbrdf_bayes.inference.parameters.table import DISCREPANCY, PHYSICAL, parameter_specs
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
 from pbrdf_bayes.measurement import Measurement, measurement_from_columns
+from pbrdf_bayes.quantities import POLARIZATIONS
 
 Array = NDArray[np.float64]
 
@@ -120,7 +121,7 @@ def _with_scans_of_prior(posterior: Posterior, draws: Array, seed: int) -> tuple
     """The posterior and its draws with what a scan would have; equal draws have it alike."""
     config = posterior.config
     of_scans = tuple(
-        spec for spec in parameter_specs(_not_measured("spu", _USUAL_SCAN_DEG), config)
+        spec for spec in parameter_specs(_not_measured(POLARIZATIONS, _USUAL_SCAN_DEG), config)
         if spec.name in _OF_SCANS
     )  # fmt: skip
     distinct, which = np.unique(draws, axis=0, return_inverse=True)
@@ -149,7 +150,7 @@ def beliefs_of_prior(
     -------
     Beliefs
     """
-    pols = [q for q in "spu" if any(c.polarization == q for c in candidates)]
+    pols = [q for q in POLARIZATIONS if any(c.polarization == q for c in candidates)]
     scan = [c.theta_r_deg for c in candidates if c.theta_r_deg]
     angles = max(scan, key=len) if scan else (0.0,)
     posterior = build_posterior(_not_measured(pols, angles), config)
@@ -234,7 +235,7 @@ def draw_sets(beliefs: Beliefs, x: Array, rng: np.random.Generator) -> DrawnSets
     p = beliefs.posterior
     names, config = p.parameter_names, p.config
     column = {name: x[:, i] for i, name in enumerate(names)}
-    inferred = {q: column[f"s_rel_{q}"] ** 2 for q in "spu" if f"s_rel_{q}" in column}
+    inferred = {q: column[f"s_rel_{q}"] ** 2 for q in POLARIZATIONS if f"s_rel_{q}" in column}
     if inferred:
         largest = np.max(list(inferred.values()), axis=0)
     else:
@@ -243,7 +244,9 @@ def draw_sets(beliefs: Beliefs, x: Array, rng: np.random.Generator) -> DrawnSets
     share = 1.0
     if config.tails == "student-t":
         share = (config.student_dof + 3.0) / (config.student_dof + 1.0)
-    variance = {q: share * inferred.get(q, largest) + _stated_variance(beliefs, q) for q in "spu"}
+    variance = {
+        q: share * inferred.get(q, largest) + _stated_variance(beliefs, q) for q in POLARIZATIONS
+    }
     stated = p.measurement.dhr.u_value
     if "u_dhr" in column:
         dhr = column["u_dhr"] ** 2

@@ -12,9 +12,8 @@ from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.measurement import Measurement, Scan
 from pbrdf_bayes.model.diffuse_directional import PORT_RANGE_DEG
 from pbrdf_bayes.model.four_parameter import MAX_THETA_I_DEG
+from pbrdf_bayes.quantities import PLANNED, POLARIZATIONS, QUANTITIES, Quantity
 
-QUANTITIES = ("brdf", "dhr", "ddr")
-POLARIZATIONS = ("s", "p", "u")
 MOST_READINGS = 2000
 ALIKE_DEG = 1.0
 """Scans of one polarisation whose incidence differs by less are repeats of one another [deg]. The
@@ -83,22 +82,28 @@ class Candidate:
 
     def __post_init__(self) -> None:
         faults = [
-            *_one_of("quantity", self.quantity, QUANTITIES),
+            *_one_of("quantity", self.quantity, PLANNED),
             *_one_of("polarization", self.polarization, POLARIZATIONS),
             *_within("theta_i_deg", self.theta_i_deg, 0.0, MAX_THETA_I_DEG),
             *_within("minutes", self.minutes, 1e-6, 1e6),
-            *(self._faults_of_scan() if self.quantity == "brdf" else ()),
         ]
-        if self.quantity in ("dhr", "ddr") and self.theta_r_deg:
-            faults.append("theta_r_deg belongs to scans. Leave it out")
-        if self.quantity == "ddr":
-            faults += _within("port_deg", self.port_deg, *PORT_RANGE_DEG)
-        elif self.quantity in QUANTITIES and self.port_deg:
-            faults.append("port_deg belongs to DDR. Leave it out")
+        if self.quantity in PLANNED:
+            faults += self._faults_of_kind(QUANTITIES[self.quantity])
         if faults:
             where = f"candidate {self.quantity} {self.polarization} {self.theta_i_deg:g} deg"
             msg = f"{where}: {'; '.join(faults)}"
             raise ConfigError(msg)
+
+    def _faults_of_kind(self, what: Quantity) -> list[str]:
+        """What does not go with the quantity."""
+        faults = [] if what.hemispherical else self._faults_of_scan()
+        if what.hemispherical and self.theta_r_deg:
+            faults.append("theta_r_deg belongs to scans. Leave it out")
+        if what.port:
+            faults += _within("port_deg", self.port_deg, *PORT_RANGE_DEG)
+        elif self.port_deg:
+            faults.append("port_deg belongs to DDR. Leave it out")
+        return faults
 
     def _faults_of_scan(self) -> list[str]:
         n = len(self.theta_r_deg)
@@ -114,7 +119,7 @@ class Candidate:
         Two candidates of one geometry may still differ in their angles and their minutes.
         """
         return (
-            QUANTITIES.index(self.quantity), POLARIZATIONS.index(self.polarization),
+            PLANNED.index(self.quantity), POLARIZATIONS.index(self.polarization),
             round(1e6 * self.theta_i_deg), round(1e6 * self.port_deg),
         )  # fmt: skip
 
@@ -134,7 +139,7 @@ class Candidate:
 
 def list_candidates(
     *,
-    quantities: Sequence[str] = QUANTITIES,
+    quantities: Sequence[str] = PLANNED,
     theta_i_deg: Iterable[float] = tuple(range(0, 90, 5)),
     polarizations: Sequence[str] = POLARIZATIONS,
     theta_r_deg: Sequence[float],

@@ -42,6 +42,7 @@ from pbrdf_bayes.design.scans import (
     scan_log_likelihoods,
 )
 from pbrdf_bayes.errors import ConfigError
+from pbrdf_bayes.quantities import POLARIZATIONS
 
 Array = NDArray[np.float64]
 
@@ -92,7 +93,7 @@ class Stage:
                 gain_law(self.beliefs, q, self.outer), gain_law(self.beliefs, q, self.inner),
                 None if nuisance is None else gain_law(self.beliefs, q, nuisance.sets),
             )
-            for q in "spu"
+            for q in POLARIZATIONS
         }  # fmt: skip
 
     @property
@@ -294,7 +295,7 @@ def read_hemispherical(stage: Stage, candidate: Candidate, *, again: int = 0) ->
     """Simulate a DHR or DDR reading for every outer set; one taken again has noise of its own."""
     b, q = stage.beliefs, candidate.polarization
     own = hemispherical_values(b.posterior, candidate, stage.outer.x)
-    seed = (stage.seed, _STREAMS["hemispherical"], "spu".index(q))
+    seed = (stage.seed, _STREAMS["hemispherical"], POLARIZATIONS.index(q))
     nuisance = None
     if stage.nuisance is not None:
         sets = stage.nuisance.sets

@@ -16,6 +16,7 @@ from pbrdf_bayes.design.scans import scan_geometry
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.model.four_parameter import MAX_THETA_I_DEG
+from pbrdf_bayes.quantities import S_AND_P
 
 Array = NDArray[np.float64]
 
@@ -95,7 +96,7 @@ def goal_values(posterior: Posterior, goal: Goal, x: Array) -> Array:
         there = Candidate("dhr", goal.polarization, goal.theta_i_deg, 1.0)
         return hemispherical_values(posterior, there, x)[:, None]
     angles = np.array(SCAN_DEG if goal.kind == "scan" else [goal.theta_r_deg])
-    words = ("s", "p") if goal.kind == "ratio" else (goal.polarization,)
+    words = S_AND_P if goal.kind == "ratio" else (goal.polarization,)
     logs = [
         np.log(np.maximum(
             posterior.predict(x, scan_geometry(goal.theta_i_deg, angles, q))[0], 1e-280

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.design.beliefs import Beliefs, DrawnSets
 from pbrdf_bayes.design.candidates import Candidate
+from pbrdf_bayes.effects_table import INSTRUMENT_PARAMETERS
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.model.diffuse_directional import port_light
-from pbrdf_bayes.model.effects import INSTRUMENT_FIELDS
 from pbrdf_bayes.physics.geometry import prepare_geometry
 from pbrdf_bayes.physics.scene import NULL
 
@@ -43,7 +43,7 @@ def of_sample(posterior: Posterior, x: Array, *, kept: tuple[str, ...] = ()) -> 
     """The sets with the effects of the instrument off, but for those kept: what the sample does."""
     names = posterior.parameter_names
     found = x.copy()
-    for name in INSTRUMENT_FIELDS:
+    for name in INSTRUMENT_PARAMETERS:
         if name in names and name not in kept:
             found[:, names.index(name)] = getattr(NULL, name)
     return found

@@ -9,6 +9,7 @@ from typing import Any
 
 from pbrdf_bayes.design.nested import LOCAL, WIDE
 from pbrdf_bayes.design.ranking import span_of_angles
+from pbrdf_bayes.words import LOCAL_NORMAL, listed, say
 
 Record = Mapping[str, Any]
 
@@ -16,8 +17,6 @@ WORTH_NATS = 0.05
 """Gain below which no measurement is recommended [nat]."""
 WIDE_NATS = 0.2
 """Bracket of the estimator from which on it is told instead of the standard error [nat]."""
-LOCAL_WORDS = "local normal approximation"
-NOT_READ = "fit does not read DDR yet"
 _CLEAR = 2.0
 _CLOSE = 0.7
 _MOST_GROUPS = 3
@@ -75,38 +74,15 @@ def minutes(value: float) -> str:
     return f"{value:.0f} min" if value >= 9.95 else f"{value:.2g} min"
 
 
-def listed(words: Sequence[str]) -> str:
-    """Words with commas and an ``and``.
-
-    Examples
-    --------
-    >>> listed(["n", "k", "rho0"]), listed(["n"])
-    ('n, k and rho0', 'n')
-    """
-    return f"{', '.join(words[:-1])} and {words[-1]}" if len(words) > 1 else words[0]
-
-
 def _caveat(design: Record) -> str:
     run = design["run"]
     if run is None:
         return ""
     if run.get("status", "done") != "done":
-        return (
-            "The sampler did not converge: the draws that this rests on are provisional. Resume "
-            "the fit, or fit again with a higher --accuracy, and ask again."
-        )
+        return say("design.not_converged")
     if run["applicability"] == "does not apply":
-        return (
-            "The model does not describe this sample (verdict of the fit: "
-            f"{run['verdict']}): its parameters are fitted numbers, not constants of the "
-            "material, and what follows holds for these numbers only."
-        )
-    if run["verdict"] == "FAIL":
-        return (
-            "The verdict of the fit is FAIL: see its report for what failed. What follows holds "
-            "for these draws only."
-        )
-    return ""
+        return say("design.not_constants", verdict=run["verdict"])
+    return say("design.fail") if run["verdict"] == "FAIL" else ""
 
 
 def _sentence(text: str) -> str:
@@ -149,7 +125,7 @@ def _gain(row: Record) -> str:
     """A gain with its error, or with its bracket where that is wide."""
     if _wide(row):
         return f"between {_nats(row['eig_low'])} and {_nats(row['eig_high'])} nat"
-    of = f" ({LOCAL_WORDS})" if _local(row) else ""
+    of = f" ({LOCAL_NORMAL})" if _local(row) else ""
     return f"{_nats(row['eig_nats'], row['eig_se'])} ± {error(row['eig_se'])} nat{of}"
 
 
@@ -171,7 +147,7 @@ def _best(best: Record, design: Record, about: str) -> str:
     goals = [name for name in ratios if name not in design["about"]][:_MOST_GOALS]
     shrunk = [f"of {name} to {_percent(ratios[name])}" for name in (sharpest, *goals)]
     words += f" It is expected to bring the standard deviation {listed(shrunk)} of what it is now"
-    words += f" ({LOCAL_WORDS})." if best.get("sd_method") == LOCAL else "."
+    words += f" ({LOCAL_NORMAL})." if best.get("sd_method") == LOCAL else "."
     if best["repeat"]:
         words += " It repeats a geometry that has been measured: less noise there tells more."
     return words
@@ -252,7 +228,9 @@ def _together(design: Record, best: Record) -> str:
     if budget is None and len(members) == 1:
         return ""
     start = "One after the other" if budget is None else f"With {minutes(budget)}"
-    labels = ", then ".join(row["label"] + f" ({NOT_READ})" * is_ddr(row) for row in members)
+    labels = ", then ".join(
+        row["label"] + f" ({say('design.ddr')})" * is_ddr(row) for row in members
+    )
     whole = batch | {"method": members[0].get("method")}
     words = f"{start}: {labels}: {'together ' * (len(members) > 1)}{_gain(whole)} in "
     words += f"{minutes(batch['minutes'])}."
@@ -260,7 +238,7 @@ def _together(design: Record, best: Record) -> str:
         words += f" The {best['label']} takes longer than that."
     local = [row.get("method") == LOCAL for row in members]
     if any(local[1:]):
-        words += f" What it adds from no. {local.index(True, 1) + 1} on is by the {LOCAL_WORDS}."
+        words += f" What it adds from no. {local.index(True, 1) + 1} on is by the {LOCAL_NORMAL}."
     return words
 
 
@@ -272,7 +250,7 @@ def _pair(design: Record) -> str:
     return (
         f"Of {pairs['n_compared']} pairs compared {names} tells most: "
         f"{pairs['gap_nats']:.2f} nat more than the two that are best one after the other"
-        + (f" ({LOCAL_WORDS})." if pairs.get("method") == LOCAL else ".")
+        + (f" ({LOCAL_NORMAL})." if pairs.get("method") == LOCAL else ".")
     )
 
 
@@ -290,7 +268,7 @@ def _for_goal(goal: Record) -> str:
     tied = sum(row["tied"] for row in rows) - 1
     words = f"for {goal['name']} the {best['label']} (standard deviation to "
     words += _percent(best["sd_ratio"])
-    words += f", {LOCAL_WORDS}" if best.get("method") == LOCAL else ""
+    words += f", {LOCAL_NORMAL}" if best.get("method") == LOCAL else ""
     words += f", {tied} more not told apart)" if tied else ")"
     if not best["tied_per_minute"]:
         words += f" and for each minute the {first['label']}"
@@ -311,6 +289,4 @@ def _of_ddr(design: Record, rows: Sequence[Record]) -> str:
     for goal in design.get("goals", ()):
         ranked = goal["candidates"]
         advised += [ranked[0], max(ranked, key=lambda row: row["reduction_per_minute"])]
-    if any(is_ddr(row) for row in advised):
-        return "Note that fit does not take DDR readings yet."
-    return ""
+    return f"Note: {say('design.ddr')}." if any(is_ddr(row) for row in advised) else ""

@@ -8,18 +8,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.effects_table import (
+    BRDF_SCANS,
+    DHR_READINGS,
+    DIFFUSE,
+    EFFECTS,
+    P_SCANS,
+    S_SCANS,
+)
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.inference.posterior import Posterior
-from pbrdf_bayes.model.energy import DIFFUSE
 
 Array = NDArray[np.float64]
 
-_NEEDED = {"both": "s and p scans", "dhr": "DHR readings", "scans": "BRDF scans"}
-_TOLD_BY = {
-    "scale_p": "both", "leakage": "both", "dhr_offset": "dhr", "offset_theta_i": "scans",
-    "offset_theta_r": "scans", "aperture": "scans",
-}  # fmt: skip
-"""Readings without which an effect of the instrument is what its prior says."""
 _SIZES = (256, 16_384)
 """Samples of the prior that are looked at: more only where the first are all impossible."""
 
@@ -94,20 +95,18 @@ def refuse_untold_instrument(posterior: Posterior) -> None:
         Naming the effect and the readings that are missing.
     """
     measurement = posterior.measurement
-    present = {scan.polarization for scan in measurement.scans}
-    missing = {
-        "both": " and ".join(f"{q} scans" for q in "sp" if q not in present),
-        "dhr": "" if len(measurement.dhr) else "DHR readings",
-        "scans": "" if measurement.scans else "BRDF scans",
-    }
+    present = {f"{scan.polarization} scans" for scan in measurement.scans}
+    present |= {BRDF_SCANS} if measurement.scans else set()
+    present |= {DHR_READINGS} if len(measurement.dhr) else set()
     free = {posterior.specs[i].name for i in posterior.free}
-    for name, needs in _TOLD_BY.items():
-        field = name if name in free else f"{name}_deg"
-        if field in free and missing[needs]:
-            also = " beside each other" if needs == "both" else ""
+    for effect in EFFECTS.values():
+        missing = [readings for readings in effect.needs if readings not in present]
+        if missing and free & set(effect.parameters):
+            both = effect.needs == (S_SCANS, P_SCANS)
+            needs = "s and p scans beside each other" if both else " and ".join(effect.needs)
             msg = (
-                f"effects: {name!r} needs {_NEEDED[needs]}{also}, and there are no "
-                f"{missing[needs]}: nothing could tell it. Leave {name!r} out"
+                f"effects: {effect.name!r} needs {needs}, and there are no "
+                f"{' and '.join(missing)}: nothing could tell it. Leave {effect.name!r} out"
             )
             raise ConfigError(msg)
 

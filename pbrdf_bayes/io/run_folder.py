@@ -9,20 +9,20 @@ import os
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
-from functools import cache
-from importlib import resources
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import xarray as xr
 
 from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.io.locks import GO_ON, try_lock
 from pbrdf_bayes.io.outside import MAX_TEXT_BYTES, read_ordinary
 from pbrdf_bayes.io.safe_names import safe_name
-from pbrdf_bayes.results import SCHEMA_VERSION, Analysis
+from pbrdf_bayes.io.schemas import validate
+from pbrdf_bayes.records.design import Design
+from pbrdf_bayes.records.summary import SCHEMA_VERSION, Summary
+from pbrdf_bayes.records.values import plain
+from pbrdf_bayes.results import Analysis
 
 SUMMARY = "summary.json"
 POSTERIOR = "posterior.nc"
@@ -43,6 +43,7 @@ _DAMAGED = (
     "{}: the run is damaged ({}). Fit it again: 'fit' with this --out and --resume does, and so "
     "does 'batch' with --resume"
 )
+_AGAIN = "Remove it, or run 'design' again"
 _MOST_JSON_BYTES = 64 * 2**20
 _DAMAGE = (OSError, ValueError, AttributeError, KeyError, RuntimeError, TypeError)
 """What h5netcdf and h5py raise for a file with bytes that are not what they were."""
@@ -236,7 +237,7 @@ def save_analysis(analysis: Analysis, folder: Path, *, report: str, log: str) ->
     posterior = bytes(analysis.draws.to_netcdf(engine="h5netcdf"))
     contents = {POSTERIOR: posterior, CONFIG: analysis.config_toml.encode("utf-8")}
     files = {name: {"sha256": hashlib.sha256(contents[name]).hexdigest()} for name in _VOUCHED}
-    summary = finite_only({**analysis.summary, "files": files})
+    summary = plain({**analysis.summary, "files": files})
     validate_summary(summary, where=str(folder))
     for name, content in contents.items():
         write_bytes(folder / name, content)
@@ -253,13 +254,13 @@ def amend_run(folder: Path, summary: Mapping[str, Any], *, report: str) -> None:
     Raises
     ------
     RunFolderError
-        When the folder cannot be written, or the summary does not follow its schema.
+        When the folder cannot be written, or the summary does not fit its record.
     """
-    plain = finite_only(summary)
-    validate_summary(plain, where=str(folder))
+    content = plain(summary)
+    validate_summary(content, where=str(folder))
     (folder / PDF).unlink(missing_ok=True)
     write_text(folder / REPORT, report)
-    _write_summary(folder, plain)
+    _write_summary(folder, content)
 
 
 def _write_summary(folder: Path, summary: Mapping[str, Any]) -> None:
@@ -373,61 +374,33 @@ def load_design(folder: Path, summary: Mapping[str, Any]) -> dict[str, Any] | No
     path = folder / DESIGN
     if not path.is_file():
         return None
-    remedy = "Remove it, or run 'design' again"
     try:
         design: dict[str, Any] = json.loads(read_ordinary(path, _MOST_JSON_BYTES))
     except (OSError, ValueError, RecursionError) as error:
-        msg = f"{path}: damaged ({error}). {remedy}"
+        msg = f"{path}: damaged ({error}). {_AGAIN}"
         raise RunFolderError(msg) from None
-    _validate(design, "design", where=str(path), remedy=f". {remedy}")
+    validate_design(design, where=str(path))
     run = design["run"]
     return design if run is not None and run["created_utc"] == summary["created_utc"] else None
 
 
 def validate_design(design: Mapping[str, Any], *, where: str) -> None:
-    """Hold a design against its schema.
+    """Hold a design against its record.
 
     Raises
     ------
     RunFolderError
-        Naming the path of the first entry that does not fit.
+        Naming the first entry that does not fit.
     """
-    _validate(design, "design", where=where)
-
-
-@cache
-def _schema(name: str) -> Any:
-    text = resources.files("pbrdf_bayes.io").joinpath(f"{name}.schema.json").read_text("utf-8")
-    return jsonschema.Draft202012Validator(json.loads(text))
+    validate(design, Design, where=where, remedy=_AGAIN)
 
 
 def validate_summary(summary: Mapping[str, Any], *, where: str) -> None:
-    """Hold a summary against its schema.
+    """Hold a summary against its record.
 
     Raises
     ------
     RunFolderError
-        Naming the path of the first entry that does not fit.
+        Naming the first entry that does not fit.
     """
-    _validate(summary, "summary", where=where)
-
-
-def _validate(value: Any, name: str, *, where: str, remedy: str = "") -> None:
-    error = jsonschema.exceptions.best_match(_schema(name).iter_errors(value))
-    if error is not None:
-        at = "/".join(str(part) for part in error.absolute_path) or "top level"
-        msg = f"{where}: {at}: {error.message[:300]}{remedy}"
-        raise RunFolderError(msg)
-
-
-def finite_only(value: Any) -> Any:
-    """Copy for JSON: NaN and infinities become null, numpy scalars plain numbers."""
-    if isinstance(value, Mapping):
-        return {str(key): finite_only(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite_only(item) for item in value]
-    if hasattr(value, "item"):
-        value = value.item()
-    if isinstance(value, float) and not isfinite(value):
-        return None
-    return value
+    validate(summary, Summary, where=where, remedy="Fit again into another folder")

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from pbrdf_bayes.quantities import QUANTITIES
 from pbrdf_bayes.scenes import SceneValues
 
 Array = NDArray[np.float64]
@@ -106,10 +107,11 @@ def scene_dataset(values: SceneValues) -> xr.Dataset:
     scene = values.scene
     found: dict[str, Any] = {}
     if values.brdf is not None:
-        found["brdf"] = _variable(("polarization", *_OVER_GRID), values.brdf, "BRDF", "sr-1")
+        name = QUANTITIES["brdf"].long_name
+        found["brdf"] = _variable(("polarization", *_OVER_GRID), values.brdf, name, "sr-1")
     if values.dhr is not None:
         over_angles = ("polarization", "dhr_theta_i_deg", "quantile")
-        name = "directional hemispherical reflectance"
+        name = QUANTITIES["dhr"].long_name
         found["dhr"] = _variable(over_angles, values.dhr, name, "1")
     if values.stokes is not None:
         name = "Stokes components of the scattered light per unit irradiance"

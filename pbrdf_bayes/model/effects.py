@@ -4,83 +4,44 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from inspect import cleandoc
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pbrdf_bayes.config import FRESNEL_AT, INSTRUMENT_EFFECTS, LINE_SHAPES, did_you_mean
-from pbrdf_bayes.errors import ConfigError, DomainError
-from pbrdf_bayes.physics.lobes.line_shapes import ETA_RANGE, NU_RANGE
-from pbrdf_bayes.physics.lobes.shaped import NARROWING_RANGE
-from pbrdf_bayes.physics.scene import NULL, EffectValues, Scene, make_scene
-
-EFFECT_DOMAIN: Mapping[str, tuple[float, float]] = {
-    "nu": NU_RANGE,
-    "eta": ETA_RANGE,
-    "narrowing": NARROWING_RANGE,
-    "lambert": (0.0, 1.0),
-    "bulk": (0.0, 1.0),
-    "volume": (0.0, 1.0),
-    "asymmetry": (0.0, 0.95),
-    "backscatter": (0.0, 1.0),
-    "backscatter_width": (0.005, 0.3),
-    "dhr_offset": (-0.1, 0.1),
-    "scale_p": (0.5, 2.0),
-    "leakage": (0.0, 0.1),
-    "offset_theta_i_deg": (-1.0, 1.0),
-    "offset_theta_r_deg": (-1.0, 1.0),
-    "aperture_deg": (0.0, 3.0),
-}
-"""Ranges of their parameters."""
-INSTRUMENT_FIELDS = tuple(
-    name for name in EffectValues._fields if name.removesuffix("_deg") in INSTRUMENT_EFFECTS
+from pbrdf_bayes.config import did_you_mean
+from pbrdf_bayes.effects_table import (
+    DIFFUSE,
+    EFFECT_PARAMETERS,
+    FRESNEL_AT,
+    IDLE_WITHOUT,
+    LINE_SHAPES,
+    EffectFields,
+    alternatives_in,
 )
-"""Those that say what the instrument does, and not the sample."""
-_OF_SHAPE = {"nu": "cauchy", "eta": "voigt"}
-_BESIDE = {"asymmetry": "volume", "backscatter_width": "backscatter"}
+from pbrdf_bayes.errors import ConfigError, DomainError
+from pbrdf_bayes.physics.scene import FIELDS, Scene, make_scene
+
+_OF_SHAPE = {shape.parameter: shape.name for shape in LINE_SHAPES.values() if shape.parameter}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Effects:
+class Effects(EffectFields):
     """What is added to the four-parameter model; as made by ``Effects()`` nothing is.
 
     Attributes
     ----------
-    line_shape : {"lorentzian", "gaussian", "voigt", "cauchy"}
+    line_shape : str
+        Of `pbrdf_bayes.effects_table.LINE_SHAPES`.
     fresnel_at : {"mean-sine", "geometric-mean", "mean-angle"}
         Where the reflectance of a lobe is taken.
-    nu : float
-        Exponent of the generalised Cauchy shape, 0.6 to 6 [1].
-    eta : float
-        Lorentzian share of the Voigt shape: the half width of its Lorentzian over the sum of those
-        of Lorentzian and Gaussian [1].
-    narrowing : float
-        Exponent of Eq. (5) of the 2011 paper, 0 to 2 [1].
-    lambert, bulk, volume, backscatter : float
-        Strengths of the diffuse terms, see `pbrdf_bayes.physics.effects` [1].
-    asymmetry : float
-        Of the phase function of ``volume`` [1].
-    backscatter_width : float
-        Half width (HWHM) of the peak in tan(g/2) [1].
-    dhr_offset : float
-        Offset of DHR readings [1].
-    scale_p : float
-        Scale of p-polarised BRDF readings over that of s and of unpolarised ones [1].
-    leakage : float
-        Share of the other polarisation that the polariser lets through [1].
-    offset_theta_i_deg, offset_theta_r_deg : float
-        Zero offsets of the goniometer [deg].
-    aperture_deg : float
-        Half of the range of theta_r that the detector sees [deg]; what of it is beyond the horizon
-        counts as nothing.
 
     Raises
     ------
     DomainError
-        When a value is out of range, not a number, or of a parameter that does nothing here: ``nu``
-        without the cauchy and ``eta`` without the voigt line shape, ``asymmetry`` without
-        ``volume``, ``backscatter_width`` without ``backscatter``.
+        When a value is out of range, not a number, or of a parameter that does nothing here: that
+        of another line shape, or of an effect whose strength is zero.
 
     Examples
     --------
@@ -90,21 +51,6 @@ class Effects:
 
     line_shape: str = "lorentzian"
     fresnel_at: str = "mean-sine"
-    nu: float = NULL.nu
-    eta: float = NULL.eta
-    narrowing: float = NULL.narrowing
-    lambert: float = NULL.lambert
-    bulk: float = NULL.bulk
-    volume: float = NULL.volume
-    asymmetry: float = NULL.asymmetry
-    backscatter: float = NULL.backscatter
-    backscatter_width: float = NULL.backscatter_width
-    dhr_offset: float = NULL.dhr_offset
-    scale_p: float = NULL.scale_p
-    leakage: float = NULL.leakage
-    offset_theta_i_deg: float = NULL.offset_theta_i_deg
-    offset_theta_r_deg: float = NULL.offset_theta_r_deg
-    aperture_deg: float = NULL.aperture_deg
 
     def __post_init__(self) -> None:
         for name, allowed in (("line_shape", LINE_SHAPES), ("fresnel_at", FRESNEL_AT)):
@@ -113,18 +59,19 @@ class Effects:
                 hint = did_you_mean(str(value), allowed)
                 msg = f"{name} = {value!r} is not known.{hint} Allowed: {', '.join(allowed)}"
                 raise DomainError(msg)
-        for name, (low, high) in EFFECT_DOMAIN.items():
-            value = getattr(self, name)
+        for name, parameter in EFFECT_PARAMETERS.items():
+            value, (low, high) = getattr(self, name), parameter.domain
             number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
             if not (number and low <= value <= high):
                 msg = f"{name} = {value!r} is outside its range [{low:g}, {high:g}]"
                 raise DomainError(msg)
-        if self.lambert > 0.0 and self.bulk > 0.0:
-            msg = "bulk is an alternative to lambert, not an addition: give one of them"
+        both = alternatives_in(tuple(name for name in DIFFUSE if getattr(self, name) > 0.0))
+        if both is not None:
+            msg = f"{both[0]} is an alternative to {both[1]}, not an addition: give one of them"
             raise DomainError(msg)
         for name, needs in _idle(self.__dict__).items():
-            value, null = getattr(self, name), getattr(NULL, name)
-            if value != null:
+            value = getattr(self, name)
+            if value != EFFECT_PARAMETERS[name].null:
                 msg = f"{name} = {value!r} does nothing without {needs}: give that, or leave {name}"
                 raise DomainError(msg)
 
@@ -132,6 +79,15 @@ class Effects:
     def is_null(self) -> bool:
         """Nothing is added: exactly the four-parameter model."""
         return self == Effects()
+
+
+_LAST_FIELD = "Where the reflectance of a lobe is taken.\n"
+_OF_TABLE = "".join(
+    f"{p.name} : float\n    {p.symbol}: {p.meaning}, "
+    f"{p.domain[0]:g} to {p.domain[1]:g} [{p.unit}].\n"
+    for p in EFFECT_PARAMETERS.values()
+)
+Effects.__doc__ = cleandoc(Effects.__doc__ or "").replace(_LAST_FIELD, _LAST_FIELD + _OF_TABLE)
 
 
 def given_effects(effects: object) -> Effects:
@@ -154,7 +110,7 @@ def _idle(values: Mapping[str, Any]) -> dict[str, str]:
     """Parameters that do nothing beside these values, and what they need."""
     shape = values.get("line_shape", Effects.line_shape)
     found = {name: f"line_shape = {word!r}" for name, word in _OF_SHAPE.items() if word != shape}
-    for name, strength in _BESIDE.items():
+    for name, strength in IDLE_WITHOUT.items():
         if not values.get(strength, 0.0) > 0.0:
             found[name] = f"{strength} > 0"
     return found
@@ -197,9 +153,8 @@ def scene_and_columns(
     -------
     tuple of Scene and ndarray, shape (1, 4 + n_effects)
     """
-    names = EffectValues._fields
-    values = [float(getattr(effects, name)) for name in names]
-    scene = make_scene(effects.line_shape, effects.fresnel_at, ("", "", "", "", *names))
+    values = [float(getattr(effects, name)) for name in FIELDS]
+    scene = make_scene(effects.line_shape, effects.fresnel_at, ("", "", "", "", *FIELDS))
     return scene, np.concatenate([parameters, values])[None, :]
 
 

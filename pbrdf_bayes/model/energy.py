@@ -14,14 +14,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.effects_table import DIFFUSE
 from pbrdf_bayes.errors import DomainError
 from pbrdf_bayes.model.effects import Effects, scene_and_columns
 from pbrdf_bayes.physics.hemispherical import LARGEST_THETA_I_DEG, largest_dhr
+from pbrdf_bayes.quantities import POLARIZATIONS
 
 Array = NDArray[np.float64]
 
-DIFFUSE = ("lambert", "bulk", "volume", "backscatter")
-"""Effects that add to the DHR of the surface."""
 GRAZING_DEG = LARGEST_THETA_I_DEG
 _ROUNDING = 1e-9
 
@@ -55,7 +55,7 @@ def check_energy(parameters: Array, effects: Effects) -> None:
     if total > 1.0 + _ROUNDING:
         given = ", ".join(f"{name} = {getattr(effects, name):g}" for name in added)
         msg = (
-            f"sigma_n0 = {parameters[2]:g} with {given}: of {'sp'[q]} light at "
+            f"sigma_n0 = {parameters[2]:g} with {given}: of {POLARIZATIONS[q]} light at "
             f"{np.rad2deg(angle):.4g} deg the sample would reflect {total:.6g} times what it "
             f"receives. Allowed: at most 1. Lower sigma_n0 or {' or '.join(added)}"
         )

@@ -22,6 +22,7 @@ from pbrdf_bayes.physics.fresnel import surface
 from pbrdf_bayes.physics.geometry import Geometry, prepare_geometry
 from pbrdf_bayes.physics.normalisation.plain import incidence, normalisation_integrals, workspace
 from pbrdf_bayes.physics.scattering import evaluate_with_effects
+from pbrdf_bayes.quantities import POLARIZATIONS
 
 Array = NDArray[np.float64]
 
@@ -154,7 +155,7 @@ def brdf(
         theta_i=theta_i,
         theta_r=theta_r,
         phi_r=phi_r,
-        polarization=np.full(theta_i.size, _checked_polarization(polarization)),
+        polarization=np.full(theta_i.size, checked_polarization(polarization)),
         dhr_theta_i=_NO_ANGLES,
         dhr_polarization=np.zeros(0, np.str_),
     )
@@ -201,7 +202,7 @@ def dhr(
         phi_r=_NO_ANGLES,
         polarization=np.zeros(0, np.str_),
         dhr_theta_i=np.deg2rad(angles.ravel()),
-        dhr_polarization=np.full(angles.size, _checked_polarization(polarization)),
+        dhr_polarization=np.full(angles.size, checked_polarization(polarization)),
     )
     _, values = _evaluate(parameters, effects, geometry, 6.0)
     return np.asarray(values[0].reshape(angles.shape))
@@ -355,8 +356,15 @@ def checked_angles(name: str, values: ArrayLike, low: float, high: float) -> Arr
     return array
 
 
-def _checked_polarization(polarization: str) -> str:
-    if polarization not in ("s", "p", "u"):
-        msg = f"polarization = {polarization!r} is not known. Allowed: 's', 'p', 'u'"
+def checked_polarization(polarization: str) -> str:
+    """The word itself, where it is one of a state of polarisation.
+
+    Raises
+    ------
+    DomainError
+    """
+    if polarization not in POLARIZATIONS:
+        allowed = ", ".join(map(repr, POLARIZATIONS))
+        msg = f"polarization = {polarization!r} is not known. Allowed: {allowed}"
         raise DomainError(msg)
     return polarization

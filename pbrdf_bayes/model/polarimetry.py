@@ -13,19 +13,17 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pbrdf_bayes.effects_table import DIFFUSE, DIFFUSE_PARAMETERS, INSTRUMENT_PARAMETERS
 from pbrdf_bayes.errors import DomainError
-from pbrdf_bayes.model.effects import INSTRUMENT_FIELDS, Effects, given_effects
-from pbrdf_bayes.model.energy import DIFFUSE
-from pbrdf_bayes.model.four_parameter import Parameters, brdf
+from pbrdf_bayes.model.effects import Effects, given_effects
+from pbrdf_bayes.model.four_parameter import Parameters, brdf, checked_polarization
 from pbrdf_bayes.physics.fresnel import surface
 from pbrdf_bayes.physics.scene import NULL
 from pbrdf_bayes.physics.scene_stokes import bulk_s1
 from pbrdf_bayes.physics.stokes import depolarise, mueller_matrix, phase_cosine, prepare_frames
+from pbrdf_bayes.quantities import S_AND_P, STATES
 
 Array = NDArray[np.float64]
-
-_OF_DIFFUSE = ("asymmetry", "backscatter_width")
-_INCIDENT = {"s": (1.0, 1.0, 0.0), "p": (1.0, -1.0, 0.0), "u": (1.0, 0.0, 0.0)}
 
 
 def mueller(
@@ -125,7 +123,7 @@ def mueller(
     cosine = phase_cosine(frames, parameters.n, parameters.k) if phase == "fresnel" else paper
     if not any(getattr(added, name) > 0.0 for name in DIFFUSE):
         return depolarise(mueller_matrix(f_s, f_p, cosine, frames), depolarisation)
-    bare = _of_s_and_p(parameters, angles, _without(added, (*DIFFUSE, *_OF_DIFFUSE)), rtol)
+    bare = _of_s_and_p(parameters, angles, _without(added, DIFFUSE_PARAMETERS), rtol)
     whole = mueller_matrix(*bare, cosine, frames)
     whole += _from_below(parameters, angles, added, (f_s - bare[0], f_p - bare[1]))
     return depolarise(whole, depolarisation)
@@ -133,7 +131,7 @@ def mueller(
 
 def _of_sample(effects: Effects) -> Effects:
     """The effects, refused where one is of the instrument."""
-    for name in INSTRUMENT_FIELDS:
+    for name in INSTRUMENT_PARAMETERS:
         value = getattr(effects, name)
         if value != getattr(NULL, name):
             msg = (
@@ -155,7 +153,7 @@ def _of_s_and_p(
     theta_i, theta_r, phi_r = angles
     f_s, f_p = (
         brdf(parameters, theta_i, theta_r, q, phi_r_deg=phi_r, effects=effects, rtol=rtol)
-        for q in "sp"
+        for q in S_AND_P
     )
     return f_s, f_p
 
@@ -222,15 +220,13 @@ def stokes(
     [[0.064165 0.064165 0.      ]
      [0.005193 0.005193 0.      ]]
     """
-    if polarization not in _INCIDENT:
-        msg = f"polarization = {polarization!r} is not known. Allowed: 's', 'p', 'u'"
-        raise DomainError(msg)
+    share_s, share_p = STATES[checked_polarization(polarization)].weights
     matrix = mueller(
         parameters, theta_i_deg, theta_r_deg,
         phi_r_deg=phi_r_deg, phase=phase, depolarisation=depolarisation, effects=effects,
         rtol=rtol,
     )  # fmt: skip
-    return np.asarray(matrix @ np.array(_INCIDENT[polarization]))
+    return np.asarray(matrix @ np.array((1.0, share_s - share_p, 0.0)))
 
 
 def degree_of_linear_polarization(stokes_vectors: ArrayLike) -> Array:

@@ -14,9 +14,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from pbrdf_bayes.errors import ConvergenceError, DomainError
 from pbrdf_bayes.model.effects import Effects
-from pbrdf_bayes.model.four_parameter import Parameters, brdf, check_directions, digits_of
+from pbrdf_bayes.model.four_parameter import (
+    Parameters,
+    brdf,
+    check_directions,
+    checked_polarization,
+    digits_of,
+)
 from pbrdf_bayes.physics.directions import prepare_directions
 from pbrdf_bayes.physics.reciprocal import Scale, scale_at, shape, solve_scale
+from pbrdf_bayes.quantities import S_AND_P
 
 Array = NDArray[np.float64]
 
@@ -68,7 +75,7 @@ def reciprocity_defect(
     a, b = np.asarray(theta_a_deg, np.float64), np.asarray(theta_b_deg, np.float64)
     check_directions(theta_i_deg=np.abs(b))
     pairs = []
-    for q in "sp":
+    for q in S_AND_P:
         there = brdf(parameters, a, b, q, effects=effects, rtol=rtol)
         back = brdf(parameters, np.abs(b), np.copysign(a, b), q, effects=effects, rtol=rtol)
         pairs.append(there / np.where(back > 0.0, back, np.nan))
@@ -138,9 +145,7 @@ def reciprocal_brdf(
     >>> bool(abs(there / back - 1.0) < 1e-13)
     True
     """
-    if polarization not in ("s", "p", "u"):
-        msg = f"polarization = {polarization!r} is not known. Allowed: 's', 'p', 'u'"
-        raise DomainError(msg)
+    checked_polarization(polarization)
     check_directions(theta_i_deg=theta_i_deg, theta_r_deg=theta_r_deg, phi_r_deg=phi_r_deg)
     if digits_of(rtol) > digits_of(FINEST_RTOL):
         msg = f"rtol = {rtol!r} is not allowed here: give a tolerance in [{FINEST_RTOL:g}, 1e-2]"

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.measurement import (
-    DHR_RANGE,
     MAX_LABEL,
     Measurement,
     is_label,
@@ -18,6 +17,7 @@ from pbrdf_bayes.measurement import (
 )
 from pbrdf_bayes.model.effects import Effects
 from pbrdf_bayes.model.four_parameter import Parameters, brdf, dhr
+from pbrdf_bayes.quantities import QUANTITIES, S_AND_P
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ def simulate_measurement(
     theta_i_deg: Sequence[float] = PAPER_THETA_I_DEG,
     theta_r_deg: ArrayLike | None = None,
     dhr_theta_i_deg: Sequence[float] = PAPER_DHR_THETA_I_DEG,
-    polarizations: Sequence[str] = ("s", "p"),
+    polarizations: Sequence[str] = S_AND_P,
     relative_noise: float = 0.02,
     dhr_noise: float = 0.0005,
     u_brdf_cal: float = 0.0,
@@ -115,7 +115,7 @@ def simulate_measurement(
         gain = 1.0 + u_dhr_cal * rng.standard_normal()
         readings = dhr(parameters, dhr_theta_i_deg, q, effects=effects) * gain
         readings += dhr_noise * rng.standard_normal(readings.size)
-        low, high = DHR_RANGE
+        low, high = QUANTITIES["dhr"].readable
         _readable("dhr", readings, (readings >= low) & (readings <= high),
                   "less noise, or less diffuse scatter and reflectance")  # fmt: skip
         for theta_i, value in zip(dhr_theta_i_deg, readings.tolist(), strict=True):

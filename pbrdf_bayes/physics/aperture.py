@@ -17,15 +17,17 @@ singular about the direction back to the source.
 from __future__ import annotations
 
 from cmath import asin
-from math import acosh, atan2, cos, pi, sin, sqrt
+from math import acosh, atan2, cos, inf, pi, sin, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.physics.compiled import compiled
+from pbrdf_bayes.physics.effects.diffuse import back_cosines
 from pbrdf_bayes.physics.fresnel import Surface
+from pbrdf_bayes.physics.lobes.line_shapes import stretch
 from pbrdf_bayes.physics.lobes.shaped import GEOMETRIC_MEAN, Lobe
-from pbrdf_bayes.physics.normalisation.centres import branch_width, brewster, stretch
+from pbrdf_bayes.physics.normalisation.centres import branch_width, brewster
 from pbrdf_bayes.physics.normalisation.plain import Incidence, incidence
 from pbrdf_bayes.physics.normalisation.quadrature import lay_panels
 from pbrdf_bayes.physics.normalisation.shaped import peak_width
@@ -176,10 +178,7 @@ def _of_backscatter(
     along = inc.sine * cos_phi
     most = sqrt(inc.cosine * inc.cosine + along * along)
     back = atan2(-along, inc.cosine)
-    if effects.volume > 0.0 and effects.asymmetry > 0.0:
-        b = effects.asymmetry
-        n = _add(back, acosh(max(0.5 * (b + 1.0 / b) / most, 1.0)), n, places)
-    if effects.backscatter > 0.0:
-        w2 = effects.backscatter_width * effects.backscatter_width
-        n = _add(back, acosh(max((1.0 + w2) / ((1.0 - w2) * most), 1.0)), n, places)
+    for cosine in back_cosines(effects):
+        if cosine < inf:
+            n = _add(back, acosh(max(cosine / most, 1.0)), n, places)
     return n

@@ -5,8 +5,9 @@
 
 Source: Renhorn, Hallberg, Bergstrom, Boreman, Opt. Express 19, 1027 (2011),
 doi:10.1364/OE.19.001027. The limits of the integrals printed there in (2) and (4) mean the unit
-disk. The paper calls the model reciprocal; with (4) the norm depends on the angle of incidence and
-f(a -> b) differs from f(b -> a): see `pbrdf_bayes.model.four_parameter.reciprocity_ratio`.
+disk. Every equation stands as printed in `pbrdf_bayes.physics.equations`. The paper calls the model
+reciprocal; with (4) the norm depends on the angle of incidence and f(a -> b) differs from
+f(b -> a): see `pbrdf_bayes.model.four_parameter.reciprocity_ratio`.
 """
 
 from __future__ import annotations
@@ -97,7 +98,7 @@ def _add_logs(log_scale: float, log_lobe: Array, out: Array) -> None:
 
 @compiled()
 def _log_mean(log_s: Array, log_p: Array, share_s: Array, out: Array) -> None:
-    """Ln of the mean of s and p, and the share that s has in it."""
+    """Ln of the mean of s and p, Eq. (6), and the share that s has in it."""
     for i in range(out.size):
         p_to_s = exp(min(max(log_p[i] - log_s[i], -LARGEST), LARGEST))
         share_s[i] = 1.0 / (1.0 + p_to_s)
@@ -133,7 +134,7 @@ def _add_across(n_series: int, a: int, b: int, lobes: Array, across: Array) -> N
 def log_brdf(
     geometry: Geometry, surf: Surface, digits: float, n_series: int, ws: Workspace, out: Buffers
 ) -> None:
-    """Ln f_q at every distinct direction, with slopes where ``n_series`` is SLOPES."""
+    """Ln f_q of Eq. (3) at every distinct direction, with slopes where ``n_series`` is SLOPES."""
     n_incidence = geometry.incidences.shape[0]
     if n_incidence == 0:
         return
@@ -301,7 +302,7 @@ def _mix(q: int, s: float, p: float) -> float:
 
 @compiled()
 def fill_dhr(geometry: Geometry, surf: Surface, out: Array) -> None:
-    """DHR of each row, into ``out`` (n_dhr,)."""
+    """DHR of each row by Eq. (2), into ``out`` (n_dhr,)."""
     for i in range(out.size):
         f_s, f_p = reflectances(geometry.dhr_sine[i], geometry.dhr_cosine[i], surf)
         out[i] = surf.sigma_n0 * _mix(geometry.dhr_polarization[i], f_s, f_p)

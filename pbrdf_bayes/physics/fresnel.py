@@ -95,7 +95,7 @@ def fresnel_terms(x: float, c: float, surf: Surface) -> FresnelTerms:
 
 @compiled(inline=True)
 def reflectances(x: float, c: float, surf: Surface) -> tuple[float, float]:
-    """F_s and F_p at direction sine ``x``."""
+    """F_s and F_p at direction sine ``x``, `equations.fresnel`."""
     t = fresnel_terms(x, c, surf)
     f_s = surf.contrast / (t.d * t.d)
     return f_s, f_s * t.g / t.e
@@ -103,7 +103,7 @@ def reflectances(x: float, c: float, surf: Surface) -> tuple[float, float]:
 
 @compiled(inline=True)
 def transmittances(x: float, c: float, surf: Surface) -> tuple[float, float]:
-    """1 - F_s and 1 - F_p at direction sine ``x``."""
+    """1 - F_s and 1 - F_p at direction sine ``x``; a quarter of the width times it is Eq. (5)."""
     t = fresnel_terms(x, c, surf)
     t_s = 4.0 * c * t.re / t.d
     return t_s, t_s * (t.modulus + x * x) / t.e
@@ -122,10 +122,11 @@ class LobeFractions(NamedTuple):
 def lobe_fractions(
     x: float, c: float, offset: float, h: float, surf: Surface, dense: bool
 ) -> LobeFractions:
-    """Lorentzian lobes of Eq. (3) for s and p: F_q(x) / [offset^2 + h rho_q(x)^2].
+    """Lorentzian lobes of Eq. (3a) and Eq. (3b) for s and p: F_q(x) / [offset^2 + h rho_q(x)^2].
 
     Serves A_q (``x = (alpha + alpha_i)/2``, ``offset = alpha - alpha_i``) and B_q
-    (``x = beta/2``, ``offset = beta``) alike, over common denominators. All sums but the one in
+    (``x = beta/2``, ``offset = beta``) alike, over common denominators; as printed they are
+    `equations.lobe_along` and `equations.lobe_across`. All sums but the one in
     E G = |m^2 c^2 - x^2|^2 are of positive terms. ``dense`` says that Re(m^2) >= 1, so that
     Re(c_t^2) is positive at every angle and its root needs no division.
     """

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.physics.directions import prepare_directions
+from pbrdf_bayes.quantities import POLARIZATIONS
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -48,7 +49,7 @@ class Geometry(NamedTuple):
 
 def polarization_codes(polarization: NDArray[np.str_]) -> Index:
     """0, 1, 2 for s, p, u."""
-    return np.array(["spu".index(p) for p in polarization.tolist()], dtype=np.int64)
+    return np.array([POLARIZATIONS.index(p) for p in polarization.tolist()], dtype=np.int64)
 
 
 def prepare_geometry(

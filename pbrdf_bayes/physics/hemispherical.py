@@ -15,9 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.physics.compiled import compiled
-from pbrdf_bayes.physics.effects.backscatter import backscatter_dhr
-from pbrdf_bayes.physics.effects.bulk import bulk_dhr, escape
-from pbrdf_bayes.physics.effects.volume import volume_dhr
+from pbrdf_bayes.physics.effects.diffuse import (
+    Shared,
+    diffuse_dhr,
+    most_diffuse,
+    shared_by_angles,
+)
 from pbrdf_bayes.physics.fresnel import Surface, reflectances, surface
 from pbrdf_bayes.physics.scene import EffectValues, Scene, effects_of
 
@@ -33,21 +36,12 @@ _GOLDEN = 0.5 * (sqrt(5.0) - 1.0)
 
 @compiled()
 def sample_dhr(
-    theta_i: float, sine: float, cosine: float, effects: EffectValues, surf: Surface, escaped: float
+    theta_i: float, sine: float, cosine: float, effects: EffectValues, surf: Surface, shared: Shared
 ) -> tuple[float, float]:
-    """DHR of s and p [1] as the sample has it; ``escaped`` is from `effects.bulk.escape`."""
-    s, p = reflectances(sine, cosine, surf)
-    s, p = surf.sigma_n0 * s, surf.sigma_n0 * p
-    same = effects.lambert
-    if effects.bulk > 0.0:
-        bulk_s, bulk_p = bulk_dhr(sine, cosine, effects.bulk, escaped, surf)
-        s += bulk_s
-        p += bulk_p
-    if effects.volume > 0.0:
-        same += volume_dhr(theta_i, effects.volume, effects.asymmetry)
-    if effects.backscatter > 0.0:
-        same += backscatter_dhr(theta_i, effects.backscatter, effects.backscatter_width)
-    return s + same, p + same
+    """DHR of s and p [1] as the sample has it, Eq. (2) and the diffuse terms."""
+    f_s, f_p = reflectances(sine, cosine, surf)
+    s, p = diffuse_dhr(theta_i, sine, cosine, effects, surf, shared)
+    return surf.sigma_n0 * f_s + s, surf.sigma_n0 * f_p + p
 
 
 @compiled(nogil=True)
@@ -69,24 +63,23 @@ def largest_dhr(scene: Scene, x: Array) -> tuple[float, float, int]:
     Each term has an upper bound; where even their sum is below 1 it is that sum, at no angle.
     """
     surf, effects = surface(x[0], x[1], x[2], x[3]), effects_of(scene, x)
-    in_t0 = effects.bulk / (surf.transmittance0 * surf.transmittance0)
-    most = surf.sigma_n0 + effects.lambert + in_t0 + 4.0 * effects.volume + effects.backscatter
+    most = surf.sigma_n0 + most_diffuse(effects, surf)
     if most <= 1.0 or most == surf.sigma_n0:
         return min(most, 1.0), 0.0, 0
-    escaped = escape(surf) if effects.bulk > 0.0 else 0.0
+    shared = shared_by_angles(effects, surf)
     brewster = min(atan(hypot(surf.n, surf.k)), _GRID[-1])
     largest, at_angle, of = -1.0, 0.0, 0
     on_grid = np.empty((2, _GRID.size + 1))
     for j in range(_GRID.size + 1):
         theta = _GRID[j] if j < _GRID.size else brewster
         on_grid[0, j], on_grid[1, j] = sample_dhr(
-            theta, sin(theta), cos(theta), effects, surf, escaped
+            theta, sin(theta), cos(theta), effects, surf, shared
         )
     for q in range(2):
         j = int(np.argmax(on_grid[q]))
         found, theta = on_grid[q, j], _GRID[j] if j < _GRID.size else brewster
         if _CLOSE < found <= 1.0:
-            found, theta = _between(theta, q, found, effects, surf, escaped)
+            found, theta = _between(theta, q, found, effects, surf, shared)
         if found > largest:
             largest, at_angle, of = found, theta, q
     return largest, at_angle, of
@@ -94,7 +87,7 @@ def largest_dhr(scene: Scene, x: Array) -> tuple[float, float, int]:
 
 @compiled()
 def _between(
-    at: float, q: int, largest: float, effects: EffectValues, surf: Surface, escaped: float
+    at: float, q: int, largest: float, effects: EffectValues, surf: Surface, shared: Shared
 ) -> tuple[float, float]:
     """The maximum of the DHR of polarisation q between the angles of the grid next to ``at``."""
     low, high = 0.0, _GRID[-1]
@@ -107,18 +100,18 @@ def _between(
     place = at
     inner = high - _GOLDEN * (high - low)
     outer = low + _GOLDEN * (high - low)
-    f_inner = sample_dhr(inner, sin(inner), cos(inner), effects, surf, escaped)[q]
-    f_outer = sample_dhr(outer, sin(outer), cos(outer), effects, surf, escaped)[q]
+    f_inner = sample_dhr(inner, sin(inner), cos(inner), effects, surf, shared)[q]
+    f_outer = sample_dhr(outer, sin(outer), cos(outer), effects, surf, shared)[q]
     for _ in range(_STEPS):
         if f_inner > f_outer:
             high, outer, f_outer = outer, inner, f_inner
             inner = high - _GOLDEN * (high - low)
-            f_inner = sample_dhr(inner, sin(inner), cos(inner), effects, surf, escaped)[q]
+            f_inner = sample_dhr(inner, sin(inner), cos(inner), effects, surf, shared)[q]
             found, angle = f_outer, outer
         else:
             low, inner, f_inner = inner, outer, f_outer
             outer = low + _GOLDEN * (high - low)
-            f_outer = sample_dhr(outer, sin(outer), cos(outer), effects, surf, escaped)[q]
+            f_outer = sample_dhr(outer, sin(outer), cos(outer), effects, surf, shared)[q]
             found, angle = f_inner, inner
         if found > largest:
             largest, place = found, angle

@@ -1,21 +1,18 @@
 """The model with line shapes and effects, for those who ask for them.
 
-    measured_q = (1 - l) f_q + l f_q',      f_q = surface_q + diffuse_q
+    f_q        = surface_q + diffuse_q
     surface_q  = sigma_N0 F_q(theta_i) / I_q A_q B_q'
     DHR_q      = sigma_N0 F_q(theta_i) + integral of diffuse_q over the projected hemisphere
 
 The surface is that of Eqs. (2)-(5) with the lobes of `pbrdf_bayes.physics.lobes.shaped`; diffuse
-terms are those of `pbrdf_bayes.physics.effects`; l is the leakage of the polariser. What is not
-asked for is not computed, and without anything asked for this module is not called at all.
-
-Instrument: the angles of the goniometer may be off by an offset each, a detector of finite aperture
-sees the mean over a range of theta_r, and p scans may have a scale of their own. An offset moves a
-direction to the horizon at most; what an aperture reaches beyond the horizon counts as nothing.
+terms are those of `pbrdf_bayes.physics.effects`. The instrument then makes readings of both, see
+`pbrdf_bayes.physics.instrument`; a detector of finite aperture sees the mean over a range of
+theta_r, to which nothing comes from beyond the horizon. What is not asked for is not computed, and
+without anything asked for this module is not called at all.
 """
 
 from __future__ import annotations
 
-from math import pi
 from typing import NamedTuple
 
 import numpy as np
@@ -30,15 +27,19 @@ from pbrdf_bayes.physics.aperture import (
 from pbrdf_bayes.physics.brdf import Buffers, buffers, log_brdf
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.directions import fill_directions
-from pbrdf_bayes.physics.effects.backscatter import backscatter_brdf
-from pbrdf_bayes.physics.effects.bulk import bulk_brdf, escape
-from pbrdf_bayes.physics.effects.lambert import lambert_brdf
-from pbrdf_bayes.physics.effects.volume import volume_brdf
-from pbrdf_bayes.physics.elementary import exp, log
+from pbrdf_bayes.physics.effects.diffuse import fill_diffuse, shared_by_angles
+from pbrdf_bayes.physics.elementary import exp
 from pbrdf_bayes.physics.fresnel import Surface, reflectances, surface
 from pbrdf_bayes.physics.geometry import Geometry
-from pbrdf_bayes.physics.hemispherical import LARGEST_THETA_I_DEG, sample_dhr
-from pbrdf_bayes.physics.lobes.line_shapes import LORENTZIAN, VOIGT
+from pbrdf_bayes.physics.hemispherical import sample_dhr
+from pbrdf_bayes.physics.instrument import (
+    DEGREE,
+    dhr_reading,
+    fill_log_readings,
+    is_moved,
+    move,
+)
+from pbrdf_bayes.physics.lobes.line_shapes import LORENTZIAN
 from pbrdf_bayes.physics.lobes.shaped import MEAN_SINE, Lobe, lobe, shaped_log_lobes
 from pbrdf_bayes.physics.normalisation.plain import VALUES, Workspace, incidence, workspace
 from pbrdf_bayes.physics.normalisation.shaped import (
@@ -50,10 +51,6 @@ from pbrdf_bayes.physics.normalisation.shaped import (
 from pbrdf_bayes.physics.scene import EffectValues, Scene, effects_of
 
 Array = NDArray[np.float64]
-
-_DEGREE = pi / 180.0
-_TINIEST = 1e-280
-_LARGEST_THETA_I = LARGEST_THETA_I_DEG * _DEGREE
 
 
 class _Where(NamedTuple):
@@ -151,21 +148,17 @@ def _fill_brdf(
     """Ln BRDF of s, p, u into ``out`` (3, n_directions)."""
     if geometry.start.size <= 1:
         return
-    moved = (
-        effects.aperture_deg > 0.0
-        or effects.offset_theta_i_deg != 0.0
-        or effects.offset_theta_r_deg != 0.0
-    )
+    moved = is_moved(effects)
     lorentzian = scene.line_shape == LORENTZIAN and scene.fresnel_at == MEAN_SINE
     if lorentzian and effects.narrowing == 1.0 and not moved:
         log_brdf(geometry, surf, digits, VALUES, work.quadrature, work.strict)
         _add_diffuse(geometry, effects, surf, work)
     else:
-        parameter = effects.eta if scene.line_shape == VOIGT else effects.nu
+        parameter = effects[scene.shape_field] if scene.shape_field >= 0 else 1.0
         shaped = lobe(scene.line_shape, parameter, effects.narrowing, scene.fresnel_at)
         where = work.moved if moved else work.as_read
         _fill_shaped(geometry, effects, surf, shaped, where, moved, digits, work)
-    _fill_logs(geometry, effects, work.f, out)
+    fill_log_readings(effects, work.f, bool(geometry.unpolarised.any()), out)
 
 
 @compiled()
@@ -175,7 +168,10 @@ def _fill_shaped(
 ) -> None:  # fmt: skip
     """BRDF with general lobes, as the detector sees it from where the goniometer is."""
     if moved:
-        _move(geometry.angles, effects, where)
+        move(geometry.angles, effects, where.angles)
+        theta_i, theta_r, phi_r = where.angles[0], where.angles[1], where.angles[2]
+        fill_directions(theta_i, theta_r, phi_r, where.directions)
+        _fill_polar(where.angles, where.polar)
     _fill_scales(geometry, surf, shaped, where, digits, work)
     for j in range(geometry.start.size - 1):
         a, b, in_plane = geometry.start[j], geometry.start[j + 1], geometry.in_plane[j]
@@ -200,7 +196,7 @@ def _see(
     """Means of the BRDF over the aperture around the directions a to b, of the incidence j."""
     theta_i, theta_r, phi_r = where.angles[0, a], where.angles[1], where.angles[2]
     half, nodes, weight, azimuth = (
-        effects.aperture_deg * _DEGREE, work.seen.angles[1], work.weight, work.seen.angles[2],
+        effects.aperture_deg * DEGREE, work.seen.angles[1], work.weight, work.seen.angles[2],
     )  # fmt: skip
     n_places, first, n, end = 0, a, 0, np.empty(b - a, np.int64)
     for i in range(a, b):
@@ -260,39 +256,11 @@ def _add_diffuse(geometry: Geometry, effects: EffectValues, surf: Surface, work:
         a, b = geometry.start[j], geometry.start[j + 1]
         sine, cosine = geometry.incidences[j, 0], geometry.incidences[j, 1]
         diffuse = _rows(work.diffuse, a, b)
-        _fill_diffuse(sine, cosine, work.as_read.polar, a, b, effects, surf, diffuse)
+        fill_diffuse(sine, cosine, work.as_read.polar, a, b, effects, surf, diffuse)
         for q in range(2):
             log_f, more, f = work.strict.log_f[q][a:b], diffuse[q], work.f[q][a:b]
             for i in range(f.size):
                 f[i] = exp(log_f[i]) + more[i]
-
-
-@compiled()
-def _fill_diffuse(
-    sine_i: float, cosine_i: float, polar: Array, a: int, b: int, effects: EffectValues,
-    surf: Surface, out: tuple[Array, Array],
-) -> None:  # fmt: skip
-    """BRDF [sr^-1] beside the surface of the directions a to b, for s and p illumination."""
-    f_s, f_p = out
-    sine, cosine, cos_g = polar[0][a:b], polar[1][a:b], polar[2][a:b]
-    same = lambert_brdf(effects.lambert)
-    for i in range(f_s.size):
-        f_s[i] = f_p[i] = same
-    if effects.bulk > 0.0:
-        for i in range(f_s.size):
-            s, p = bulk_brdf(sine_i, cosine_i, sine[i], cosine[i], effects.bulk, surf)
-            f_s[i] += s
-            f_p[i] += p
-    if effects.volume > 0.0:
-        for i in range(f_s.size):
-            f = volume_brdf(cosine_i, cosine[i], cos_g[i], effects.volume, effects.asymmetry)
-            f_s[i] += f
-            f_p[i] += f
-    if effects.backscatter > 0.0:
-        for i in range(f_s.size):
-            f = backscatter_brdf(cos_g[i], effects.backscatter, effects.backscatter_width)
-            f_s[i] += f
-            f_p[i] += f
 
 
 @compiled()
@@ -310,21 +278,6 @@ def _fill_polar(angles: Array, out: Array) -> None:
 
 
 @compiled()
-def _move(angles: Array, effects: EffectValues, out: _Where) -> None:
-    """Directions as they were, from angles as they were read."""
-    theta_i, theta_r, phi_r = out.angles[0], out.angles[1], out.angles[2]
-    for i in range(theta_i.size):
-        incident = angles[0, i] + effects.offset_theta_i_deg * _DEGREE
-        scattered = angles[1, i] + effects.offset_theta_r_deg * _DEGREE
-        mirrored = incident < 0.0  # the same plane seen from its other side
-        theta_i[i] = min(abs(incident), _LARGEST_THETA_I)
-        theta_r[i] = min(max(-scattered if mirrored else scattered, -0.5 * pi), 0.5 * pi)
-        phi_r[i] = angles[2, i]
-    fill_directions(theta_i, theta_r, phi_r, out.directions)
-    _fill_polar(out.angles, out.polar)
-
-
-@compiled()
 def _fill_group(
     a: int, j: int, in_plane: bool, effects: EffectValues, surf: Surface, shaped: Lobe,
     where: _Where, scale: Array, diffuse: tuple[Array, Array], f_s: Array, f_p: Array,
@@ -334,7 +287,7 @@ def _fill_group(
     b = a + f_s.size
     scale_s, scale_p = scale[j, 0], scale[j, 1]
     theta_i, g = where.angles[0, a], where.directions
-    _fill_diffuse(np.sin(theta_i), np.cos(theta_i), where.polar, a, b, effects, surf, diffuse)
+    fill_diffuse(np.sin(theta_i), np.cos(theta_i), where.polar, a, b, effects, surf, diffuse)
     peak_s, peak_p = shaped_log_lobes(0.0, 1.0, 0.0, 1.0, surf, shaped)
     for i in range(a, b):
         log_s, log_p = shaped_log_lobes(g[0, i], g[1, i], g[2, i], g[3, i], surf, shaped)
@@ -347,32 +300,9 @@ def _fill_group(
 
 
 @compiled()
-def _fill_logs(geometry: Geometry, effects: EffectValues, f: Array, out: Array) -> None:
-    """Polariser and scale of p; logarithms of s, p and, where asked for, their mean.
-
-    The scale is that of scans through the polariser at p; an unpolarised scan is not made of one.
-    """
-    leak, scale = effects.leakage, effects.scale_p
-    f_s, f_p = f[0], f[1]
-    log_s, log_p, log_u = out[0], out[1], out[2]
-    if leak > 0.0:
-        for i in range(f_s.size):
-            s, p = f_s[i], f_p[i]
-            f_s[i] = (1.0 - leak) * s + leak * p
-            f_p[i] = (1.0 - leak) * p + leak * s
-    for i in range(f_s.size):
-        log_s[i] = log(max(f_s[i], _TINIEST))
-    for i in range(f_s.size):
-        log_p[i] = log(max(scale * f_p[i], _TINIEST))
-    if geometry.unpolarised.any():
-        for i in range(f_s.size):
-            log_u[i] = log(max(0.5 * (f_s[i] + f_p[i]), _TINIEST))
-
-
-@compiled()
 def _fill_sample_dhr(geometry: Geometry, effects: EffectValues, surf: Surface, out: Array) -> None:
     """DHR of s and p of the sample at the angles of the rows, into ``out`` (2, n_dhr)."""
-    escaped = escape(surf) if effects.bulk > 0.0 else 0.0
+    shared = shared_by_angles(effects, surf)
     for i in range(out.shape[1]):
         first = geometry.dhr_first[i]
         if first < i:
@@ -380,7 +310,7 @@ def _fill_sample_dhr(geometry: Geometry, effects: EffectValues, surf: Surface, o
         else:
             sine, cosine = geometry.dhr_sine[i], geometry.dhr_cosine[i]
             out[0, i], out[1, i] = sample_dhr(
-                geometry.dhr_theta_i[i], sine, cosine, effects, surf, escaped
+                geometry.dhr_theta_i[i], sine, cosine, effects, surf, shared
             )
 
 
@@ -391,6 +321,4 @@ def _fill_dhr(
     """DHR of the rows as the instrument reads it, into ``out`` (n_dhr,)."""
     _fill_sample_dhr(geometry, effects, surf, sample)
     for i in range(out.size):
-        q = geometry.dhr_polarization[i]
-        share = 1.0 - effects.leakage if q == 0 else effects.leakage if q == 1 else 0.5
-        out[i] = share * sample[0, i] + (1.0 - share) * sample[1, i] + effects.dhr_offset
+        out[i] = dhr_reading(effects, geometry.dhr_polarization[i], sample[0, i], sample[1, i])

@@ -2,46 +2,42 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections import namedtuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
+from pbrdf_bayes.effects_table import (
+    EFFECT_PARAMETERS,
+    FRESNEL_AT,
+    LINE_SHAPES,
+    EffectFields,
+)
 from pbrdf_bayes.physics.compiled import compiled
-from pbrdf_bayes.physics.lobes.line_shapes import LINE_SHAPES
-from pbrdf_bayes.physics.lobes.shaped import FRESNEL_AT
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+FIELDS = tuple(EFFECT_PARAMETERS)
+"""Parameters beyond the four, in the order of `EffectValues`."""
 
-class EffectValues(NamedTuple):
-    """The values of one parameter set beyond the four parameters."""
+if TYPE_CHECKING:
 
-    nu: float
-    eta: float
-    narrowing: float
-    lambert: float
-    bulk: float
-    volume: float
-    asymmetry: float
-    backscatter: float
-    backscatter_width: float
-    dhr_offset: float
-    scale_p: float
-    leakage: float
-    offset_theta_i_deg: float
-    offset_theta_r_deg: float
-    aperture_deg: float
+    class EffectValues(EffectFields):
+        """The values of one parameter set beyond the four parameters, a named tuple."""
 
+        def __init__(self, *values: float) -> None: ...
+        def __getitem__(self, i: int) -> float: ...
 
-NULL = EffectValues(
-    nu=1.0, eta=1.0, narrowing=1.0, lambert=0.0, bulk=0.0, volume=0.0, asymmetry=0.45,
-    backscatter=0.0, backscatter_width=0.05, dhr_offset=0.0, scale_p=1.0, leakage=0.0,
-    offset_theta_i_deg=0.0, offset_theta_r_deg=0.0, aperture_deg=0.0,
-)  # fmt: skip
+else:
+    EffectValues = namedtuple("EffectValues", FIELDS)
+
+_NULL = np.array([p.null for p in EFFECT_PARAMETERS.values()])
+_N_FIELDS = _NULL.size
+NULL = EffectValues(*_NULL.tolist())
 """The values that do nothing."""
-_NULL = np.array(NULL)
 
 
 class Scene(NamedTuple):
@@ -49,8 +45,10 @@ class Scene(NamedTuple):
 
     line_shape: int
     """Code of `pbrdf_bayes.physics.lobes.line_shapes`."""
+    shape_field: int
+    """Which field of `EffectValues` is the parameter of the line shape; -1 for none."""
     fresnel_at: int
-    """Where the Fresnel factor of a lobe is taken, see `shaped_lobes`."""
+    """Where the Fresnel factor of a lobe is taken, see `pbrdf_bayes.physics.lobes.shaped`."""
     column: Index
     """For each field of `EffectValues` its column in the array of parameter sets; -1 for none."""
 
@@ -61,15 +59,18 @@ def make_scene(line_shape: str, fresnel_at: str, names: tuple[str, ...]) -> Scen
     Parameters
     ----------
     line_shape : str
-        Of `pbrdf_bayes.physics.lobes.line_shapes.LINE_SHAPES`.
+        Of `pbrdf_bayes.effects_table.LINE_SHAPES`.
     fresnel_at : str
-        Of `pbrdf_bayes.physics.lobes.shaped.FRESNEL_AT`.
+        Of `pbrdf_bayes.effects_table.FRESNEL_AT`.
     names : tuple of str
         Names of the columns of parameter sets.
     """
-    columns = [names.index(name) if name in names else -1 for name in EffectValues._fields]
-    codes = LINE_SHAPES[line_shape], FRESNEL_AT[fresnel_at]
-    return Scene(*codes, np.array(columns, dtype=np.int64))
+    columns = [names.index(name) if name in names else -1 for name in FIELDS]
+    parameter = LINE_SHAPES[line_shape].parameter
+    return Scene(
+        tuple(LINE_SHAPES).index(line_shape), FIELDS.index(parameter) if parameter else -1,
+        FRESNEL_AT.index(fresnel_at), np.array(columns, dtype=np.int64),
+    )  # fmt: skip
 
 
 @compiled()
@@ -79,7 +80,4 @@ def effects_of(scene: Scene, x: Array) -> EffectValues:
     for i in range(v.size):
         if scene.column[i] >= 0:
             v[i] = x[scene.column[i]]
-    return EffectValues(
-        v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8], v[9], v[10], v[11], v[12], v[13],
-        v[14],
-    )  # fmt: skip
+    return EffectValues(*to_fixed_tuple(v, _N_FIELDS))

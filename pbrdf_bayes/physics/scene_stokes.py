@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from pbrdf_bayes.physics.effects.bulk import bulk_brdf
 from pbrdf_bayes.physics.fresnel import Surface, transmittances
 from pbrdf_bayes.physics.stokes import Frames, phase_cosine, polarised_column, unpolarised_column
+from pbrdf_bayes.quantities import STATES
 
 Array = NDArray[np.float64]
 
@@ -58,7 +59,7 @@ def bulk_s1(
     """
     angles, which = np.unique(np.abs(theta_r), return_inverse=True)
     sine_i, cosine_i = float(np.sin(theta_i)), float(np.cos(theta_i))
-    share_s, share_p = {"s": (1.0, 0.0), "p": (0.0, 1.0), "u": (0.5, 0.5)}[incident]
+    share_s, share_p = STATES[incident].weights
     found = np.zeros(angles.size)
     for i, angle in enumerate(angles.tolist()):
         sine, cosine = float(np.sin(angle)), max(float(np.cos(angle)), 0.0)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.quantities import POLARIZATIONS
 from pbrdf_bayes.results import QUANTILES, Analysis
 
 Array = NDArray[np.float64]
@@ -130,7 +131,7 @@ def dhr_points_of(analysis: Analysis) -> list[DhrPoints]:
             u_value=u_value[words == p],
             map=get("dhr_map")[words == p],
         )
-        for p in ("s", "p", "u")
+        for p in POLARIZATIONS
         if np.any(words == p)
     ]
 
@@ -218,7 +219,7 @@ def scan_widths_of(analysis: Analysis) -> list[ScanWidthPoints]:
     names = ("theta_i_deg", "rho", "u_rho", "rho_model")
     return [
         ScanWidthPoints(p, *np.array([[_number(s[n]) for n in names] for s in found]).T)
-        for p in ("s", "p", "u")
+        for p in POLARIZATIONS
         if (found := [s for s in scans if s["polarization"] == p])
     ]
 

@@ -23,6 +23,7 @@ from pbrdf_bayes.report.numbers import (
     symbol_markup,
 )
 from pbrdf_bayes.report.page import VERDICT_WORDS, environment
+from pbrdf_bayes.words import counted, say
 
 Record = Mapping[str, Any]
 STATUS_WORDS = {"done": "done", "failed": "failed", "skipped": "done before"}
@@ -113,7 +114,7 @@ def render_batch(index: Record) -> str:
         decided_words=WORDS, looks=LOOK_OF,
         n=len(rows) - sum(_is_open(row) for row in rows), n_samples=index["n_samples"],
         running=index["running"], written=index["written_utc"], version=index["version"],
-        failing=sum(row["verdict"] == "FAIL" for row in rows), unidentified=_unidentified(groups),
+        failing=_failing(rows), unidentified=_unidentified(groups),
         tally=_decisions(rows) if conformity else _fits(rows),
         total=seconds(sum(row["seconds"] or 0.0 for row in rows)),
     )  # fmt: skip
@@ -285,6 +286,13 @@ def _cell(record: Record | None) -> Cell:
 def _key(value: Any) -> str:
     x = finite(value)
     return "" if x is None else repr(x)
+
+
+def _failing(rows: Sequence[Record]) -> str:
+    """What the numbers of samples with the verdict FAIL are worth."""
+    n = sum(row["verdict"] == "FAIL" for row in rows)
+    samples = f"{counted(n, 'sample')} {'has' if n == 1 else 'have'}"
+    return say("batch.failed", samples=samples) if n else ""
 
 
 def _unidentified(groups: Sequence[Record]) -> list[tuple[Markup, int]]:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from pbrdf_bayes.quantities import QUANTITIES
 from pbrdf_bayes.report.numbers import (
     MISSING,
     THIN,
@@ -17,17 +18,12 @@ from pbrdf_bayes.report.numbers import (
     percent,
     rounded,
 )
+from pbrdf_bayes.words import say
 
 Record = Mapping[str, Any]
 LOOK_OF = {"ACCEPT": "PASS", "REJECT": "FAIL", "UNDECIDED": "WARN"}
 """Verdicts on conformity by the look that a check of the same colour has."""
 WORDS = {"ACCEPT": "Accept", "REJECT": "Reject", "UNDECIDED": "Undecided"}
-_LEADS = {
-    "ACCEPT": "The sample is accepted as conforming with {}",
-    "REJECT": "The sample is rejected as not conforming with {}",
-    "UNDECIDED": "Conformity with {} is undecided",
-}
-_NAMES = {"dhr": "DHR", "brdf": "BRDF", "brdf_ratio": "BRDF s/p"}
 
 
 def conformity_text(summary: Record) -> str:
@@ -35,7 +31,9 @@ def conformity_text(summary: Record) -> str:
     found = summary.get("conformity")
     if not found:
         return ""
-    lead = _LEADS[found["verdict"]].format(found["specification"] or "the limits given")
+    lead = say(
+        f"conform.{found['verdict'].lower()}", name=found["specification"] or "the limits given"
+    )
     because = f": {found['reason']}" if found["reason"] else ""
     remark = f" {sentence(found['remark'])}" if found.get("remark") else ""
     limits = found["limits"]
@@ -216,7 +214,7 @@ def what_text(limit: Record, summary: Record) -> str:
         known = summary["parameters"].get(limit["parameter"])
         name = known["symbol"] if known else limit["parameter"]
     else:
-        name = f"{_NAMES[limit['quantity']]} {limit['polarization']}".strip()
+        name = f"{QUANTITIES[limit['quantity']].name} {limit['polarization']}".strip()
         name += f", {_angles('θᵢ', limit['theta_i_deg'])}"
         if limit["theta_r_deg"]:
             name += f", {_angles('θᵣ', limit['theta_r_deg'])}"

@@ -16,6 +16,7 @@ from pbrdf_bayes.report.figures_design import (
 from pbrdf_bayes.report.numbers import THIN, count, fixed, number
 from pbrdf_bayes.report.page import environment
 from pbrdf_bayes.report.panel import LOOKS
+from pbrdf_bayes.words import LOCAL_NORMAL, listed
 
 _SHOWN = 10
 
@@ -47,7 +48,7 @@ def render_design(design: Mapping[str, Any]) -> str:
         shrinkage=shrinkage_picture(rows[:_SHOWN], design["sd_before"]),
         looks={q: {"word": v.word, "dash": " ".join(map(str, v.dash))} for q, v in LOOKS.items()},
         kinds=kinds, rows=design_tables.candidate_rows(rows[:_SHOWN]),
-        names=list(design["sd_before"]), about=design_tables.listed(design["about"]),
+        names=list(design["sd_before"]), about=listed(design["about"]),
         plan=design_tables.plan_rows(design["batch"]), pairs=_pairs(design),
         goals=design_tables.goal_tables(design),
         facts=_facts(design), instrument=_instrument(design),
@@ -81,7 +82,7 @@ def _pairs(design: Mapping[str, Any]) -> str:
     best, greedy = (
         " and ".join(row["label"] for row in pairs[key]["members"]) for key in ("best", "greedy")
     )
-    local = " (local normal approximation)" if pairs.get("method") == design_tables.LOCAL else ""
+    local = f" ({LOCAL_NORMAL})" if pairs.get("method") == design_tables.LOCAL else ""
     if pairs["gap_nats"] <= 0.0:
         return (
             f"Of {count(pairs['n_compared'])} pairs of the most promising candidates none beats "
@@ -152,7 +153,7 @@ def _facts(design: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("version", f"pbrdf_bayes {design['version']}"),
     ]  # fmt: skip
     if few:
-        facts.insert(5, ("candidates by the local normal approximation", count(few)))
+        facts.insert(5, (f"candidates by the {LOCAL_NORMAL}", count(few)))
     return facts
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pbrdf_bayes.report.numbers import MISSING, THIN, count, decimals_of, finite, fixed, number
+from pbrdf_bayes.words import listed, say
 
 Record = Mapping[str, Any]
 
@@ -16,7 +17,6 @@ _BEST_FOR_GOAL = {
     "tied": "reduction", "tied_per_minute": "reduction a minute", "pareto": "reduction and minutes",
 }  # fmt: skip
 _OF_GOAL = 5
-_NOT_READ = "fit does not read DDR yet"
 LOCAL = "local"
 """Method of what is by the local normal approximation."""
 _MARK = "*"
@@ -134,7 +134,7 @@ def plan_rows(batch: Record) -> list[dict[str, str]]:
             "readings": count(row["n_readings"]),
             "minutes": number(row["minutes"]),
             "spent": number(row["cumulative_minutes"]),
-            "note": _NOT_READ if row["quantity"] == "ddr" else "",
+            "note": say("design.ddr") if row["quantity"] == "ddr" else "",
             "added": with_se(row["added_nats"], row["added_se"])
             + _MARK * (row.get("method") == LOCAL),
             "gain": fixed(row["cumulative_nats"], 2),
@@ -147,11 +147,6 @@ def with_se(value: float, se: float) -> str:
     """A gain and its error, to two decimals or to what a smaller error needs."""
     places = max(2, decimals_of(se, digits=1) or 2)
     return f"{fixed(value, places)} ± {fixed(se, places)}"
-
-
-def listed(words: Sequence[str]) -> str:
-    """Words with commas and an ``and``."""
-    return f"{', '.join(words[:-1])} and {words[-1]}" if len(words) > 1 else words[0]
 
 
 def _range(row: Record) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.quantities import QUANTITIES
 from pbrdf_bayes.report.conformity import WORDS, probability_text, tolerance_text
 from pbrdf_bayes.report.figures_planes import Picture
 from pbrdf_bayes.report.numbers import degrees
@@ -27,8 +28,6 @@ Array = NDArray[np.float64]
 WIDTH, HEIGHT = 344.0, 216.0
 MOST = 12
 LIMIT = "#a8201a"
-_NAMES = {"dhr": "DHR", "brdf": "BRDF [sr⁻¹]", "brdf_ratio": "BRDF, s over p"}
-_LOGARITHMIC = ("brdf", "brdf_ratio")
 
 
 def conformity_pictures(summary: Mapping[str, Any]) -> list[Picture]:
@@ -57,7 +56,7 @@ def _strands(limit: Mapping[str, Any]) -> Iterator[NDArray[np.int64]]:
     theta_i = np.array(limit["theta_i_deg"])
     if limit["quantity"] == "parameter" or None in limit["mean"]:
         return
-    if limit["quantity"] == "dhr" or len(set(limit["theta_r_deg"])) == 1:
+    if QUANTITIES[limit["quantity"]].hemispherical or len(set(limit["theta_r_deg"])) == 1:
         if theta_i.size > 2:
             yield np.arange(theta_i.size)
         return
@@ -68,9 +67,9 @@ def _strands(limit: Mapping[str, Any]) -> Iterator[NDArray[np.int64]]:
 
 
 def _picture(limit: Mapping[str, Any], rows: NDArray[np.int64], index: int) -> Picture:
-    against_i = limit["quantity"] == "dhr" or len(set(limit["theta_r_deg"])) == 1
+    against_i = QUANTITIES[limit["quantity"]].hemispherical or len(set(limit["theta_r_deg"])) == 1
     x = np.array(limit["theta_i_deg" if against_i else "theta_r_deg"])[rows]
-    logarithmic = limit["quantity"] in _LOGARITHMIC and not limit["difference"]
+    logarithmic = not QUANTITIES[limit["quantity"]].hemispherical and not limit["difference"]
     low, mean, high = (_scaled(np.array(limit[k])[rows], logarithmic=logarithmic)
                        for k in ("q025", "mean", "q975"))  # fmt: skip
     ends = [limit[side] for side in ("lower", "upper") if limit[side] is not None]
@@ -82,7 +81,7 @@ def _picture(limit: Mapping[str, Any], rows: NDArray[np.int64], index: int) -> P
     ticks, labels = linear_ticks(*across)
     panel.x_axis(ticks, [f"{label}°" for label in labels],
                  "incidence angle θ_i" if against_i else "scattering angle θ_r")  # fmt: skip
-    name = _NAMES[limit["quantity"]]
+    name = QUANTITIES[limit["quantity"]].axis
     title = f"difference of {name.split(' [')[0]} [dex]" if limit["difference"] else name
     panel.y_axis(*(log_ticks if logarithmic else linear_ticks)(*y), title)
     look = LOOKS.get(limit["polarization"])

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
+from pbrdf_bayes.quantities import PLANNED, QUANTITIES
 from pbrdf_bayes.report.figures_planes import Picture
 from pbrdf_bayes.report.numbers import fixed, number
 from pbrdf_bayes.report.panel import FAINT, GRID, INK, LOOKS, MUTED
@@ -21,9 +22,7 @@ from pbrdf_bayes.report.svg import figure_style, inline_svg
 Record = Mapping[str, Any]
 
 KINDS = {
-    "brdf": ("Scan of the BRDF", "o"),
-    "dhr": ("DHR reading", "s"),
-    "ddr": ("DDR reading", "^"),
+    word: (QUANTITIES[word].reading, symbol) for word, symbol in zip(PLANNED, "os^", strict=True)
 }
 """Quantities of candidates: words and symbol."""
 _TEXT = 10.5

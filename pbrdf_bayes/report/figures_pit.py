@@ -14,6 +14,7 @@ from pbrdf_bayes.report.figures_planes import Picture
 from pbrdf_bayes.report.numbers import count, fixed, number
 from pbrdf_bayes.report.panel import FAINT, INK, LOOKS, MUTED, Panel, linear_ticks, new_figure
 from pbrdf_bayes.report.svg import inline_svg
+from pbrdf_bayes.verdict import FALSE_ALARM
 
 Array = NDArray[np.float64]
 
@@ -21,7 +22,6 @@ COLUMNS = 5
 MOST_SCANS = 20
 CELL, HEIGHT = 148.0, 74.0
 GAP_X, GAP_Y, LEFT, BELOW, ABOVE = 20.0, 34.0, 42.0, 36.0, 46.0
-FALSE_ALARM = 0.01
 ALARM = "#a8201a"
 _POINTS = 160
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from math import log
 from typing import Any
 
+from pbrdf_bayes.quantities import STATES
 from pbrdf_bayes.report.numbers import MISSING, degrees, finite, fixed, number, rounded
 from pbrdf_bayes.report.tables import DIAGONAL, background
 
 Record = Mapping[str, Any]
 _FULL = log(4.0)
-_STATES = {"s": "s", "p": "p", "u": "unpolarised"}
 
 
 def widths_text(summary: Record) -> str:
@@ -123,7 +123,7 @@ def reciprocity_text(summary: Record) -> str:
         a, b = degrees(largest["theta_a_deg"]), degrees(largest["theta_b_deg"])
         within = (
             f"Within the measured angles the factor between the two ways is at most "
-            f"{number(largest['factor'])} ({_STATES[largest['polarization']]}, from {a} to {b}"
+            f"{number(largest['factor'])} ({STATES[largest['polarization']].label}, from {a} to {b}"
             + (
                 f"; 90 % interval {number(largest['q05'])} to {number(largest['q95'])})."
                 if "q05" in largest

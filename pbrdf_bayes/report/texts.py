@@ -16,6 +16,7 @@ from pbrdf_bayes.report.numbers import (
     number,
     seconds,
 )
+from pbrdf_bayes.words import say
 
 Record = Mapping[str, Any]
 
@@ -35,27 +36,20 @@ WORDS = {
     "microseconds_per_evaluation": "time per evaluation (µs)",
 }
 """Names of the entries of the summary where the key alone would not be read with pleasure."""
-NOT_CONVERGED = {
-    "title": "NOT CONVERGED: the numbers on this page are not a result",
-    "text": (
-        "The sampler ran out of its budget before its thresholds were met. Values, intervals and "
-        "bands are provisional; the failed diagnostics below say what to do."
-    ),
-}
-FAILED = {
-    "title": "FAIL: do not use these values as they stand",
-    "text": (
-        "At least one check failed. The intervals hold only if the model does; the checks below "
-        "say why it cannot be relied on for these data, and what to do."
-    ),
-}
 
 
 def banner(summary: Record) -> dict[str, str] | None:
     """Say on top that a page is not a result to be used."""
+    failing = _failing(summary)
+    if not failing:
+        return None
+    return {"title": say(f"page.{failing}.title"), "text": say(f"page.{failing}")}
+
+
+def _failing(summary: Record) -> str:
     if summary["status"] != "done":
-        return NOT_CONVERGED
-    return FAILED if summary["verdict"] == "FAIL" else None
+        return "not_converged"
+    return "failed" if summary["verdict"] == "FAIL" else ""
 
 
 def applicability(summary: Record) -> dict[str, Any]:
@@ -66,17 +60,14 @@ def applicability(summary: Record) -> dict[str, Any]:
     found = summary.get("applicability") or {}
     caveats, statement = found.get("caveats", ()), str(found.get("statement", ""))
     applies = found.get("verdict", "applies") == "applies"
-    failed = summary["status"] != "done" or summary["verdict"] == "FAIL"
-    return {"applies": applies, "text": " ".join(caveats) if applies and failed else statement}
+    only_caveats = applies and _failing(summary)
+    return {"applies": applies, "text": " ".join(caveats) if only_caveats else statement}
 
 
 def reservation(summary: Record) -> str:
     """Repeat that beside the values and the bands."""
-    if summary["status"] != "done":
-        return "Provisional: the sampler did not converge."
-    if summary["verdict"] == "FAIL":
-        return "Intervals and bands are not valid as they stand: a check failed."
-    return ""
+    failing = _failing(summary)
+    return say(f"reservation.{failing}") if failing else ""
 
 
 def meta(summary: Record) -> str:

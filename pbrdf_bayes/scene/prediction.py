@@ -23,9 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.config import ACCURACIES
+from pbrdf_bayes.effects_table import DIFFUSE, INSTRUMENT_PARAMETERS
 from pbrdf_bayes.errors import ConfigError
-from pbrdf_bayes.model.effects import INSTRUMENT_FIELDS, Effects, with_values
-from pbrdf_bayes.model.energy import DIFFUSE, check_energy
+from pbrdf_bayes.model.effects import Effects, with_values
+from pbrdf_bayes.model.energy import check_energy
 from pbrdf_bayes.model.four_parameter import (
     DOMAIN,
     MAX_THETA_I_DEG,
@@ -37,9 +38,10 @@ from pbrdf_bayes.physics.brdf import evaluate
 from pbrdf_bayes.physics.fresnel import surface
 from pbrdf_bayes.physics.geometry import Geometry, prepare_geometry
 from pbrdf_bayes.physics.scattering import evaluate_with_effects
-from pbrdf_bayes.physics.scene import NULL, EffectValues, make_scene
+from pbrdf_bayes.physics.scene import FIELDS, NULL, make_scene
 from pbrdf_bayes.physics.scene_stokes import bulk_s1, of_surface
 from pbrdf_bayes.physics.stokes import prepare_frames
+from pbrdf_bayes.quantities import S_AND_P, STATES
 from pbrdf_bayes.results import Analysis, drawn_sets
 from pbrdf_bayes.scene.axial import axial_quantiles, mirrored
 from pbrdf_bayes.scenes import Scene, SceneValues
@@ -213,7 +215,7 @@ def same_wavelength(a: float, b: float) -> bool:
 def _on_top(effects: Effects | None, scene: Scene) -> Effects:
     """Effects with those of the scene on top."""
     for name in scene.effects:
-        if name in INSTRUMENT_FIELDS and not scene.instrument:
+        if name in INSTRUMENT_PARAMETERS and not scene.instrument:
             msg = f"effects.{name} is one of the instrument: give instrument = true, or leave it"
             raise ConfigError(msg)
     return with_values(effects or Effects(), scene.effects, prefix="effects.")
@@ -222,7 +224,7 @@ def _on_top(effects: Effects | None, scene: Scene) -> Effects:
 def _of_parameters(
     parameters: Parameters, effects: Effects, scene: Scene, rtol: float
 ) -> DrawnModel:  # fmt: skip
-    added = {name: value for name, value in asdict(effects).items() if name in EffectValues._fields}
+    added = {name: value for name, value in asdict(effects).items() if name in FIELDS}
     added = {name: value for name, value in added.items() if value != getattr(NULL, name)}
     text = {name: f"{getattr(parameters, name):.10g}" for name in DOMAIN}
     shape = {"line_shape": effects.line_shape, "fresnel_at": effects.fresnel_at}
@@ -230,7 +232,7 @@ def _of_parameters(
     found = DrawnModel(
         x, (*DOMAIN, *added), effects.line_shape, effects.fresnel_at, digits_of(rtol), source={}
     )
-    found = found if scene.instrument else found.without(INSTRUMENT_FIELDS)
+    found = found if scene.instrument else found.without(INSTRUMENT_PARAMETERS)
     text |= {name: f"{added[name]:.10g}" for name in found.names if name in added}
     text |= {name: word for name, word in shape.items() if word != getattr(Effects(), name)}
     source = {"parameters": ", ".join(f"{k} = {v}" for k, v in text.items())}
@@ -240,7 +242,7 @@ def _of_parameters(
 def _of_run(analysis: Analysis, scene: Scene) -> DrawnModel:
     """Draws of the posterior, the same that `predict` takes where their number is the same."""
     summary = analysis.summary
-    names = (*DOMAIN, *(name for name in EffectValues._fields if name in summary["parameters"]))
+    names = (*DOMAIN, *(name for name in FIELDS if name in summary["parameters"]))
     x, _ = drawn_sets(analysis, names, scene.n_draws)
     config = summary["config"]
     source = {
@@ -257,7 +259,7 @@ def _of_run(analysis: Analysis, scene: Scene) -> DrawnModel:
         x, names, config["line_shape"], config["fresnel_at"],
         digits_of(ACCURACIES[config["accuracy"]].rtol), source, float(summary["wavelength_um"]),
     )  # fmt: skip
-    return found if scene.instrument else found.without(INSTRUMENT_FIELDS)
+    return found if scene.instrument else found.without(INSTRUMENT_PARAMETERS)
 
 
 def _quantiles(values: Array) -> Array:
@@ -384,10 +386,11 @@ def _stokes(
     frames = prepare_frames(np.broadcast_to(theta_i, angles.shape), angles, np.deg2rad(phi_r))
     of_facets = total
     if set(DIFFUSE) & set(model.names):
-        bare = _brdf(model.without(DIFFUSE), np.rad2deg(theta_i[0]), theta_r, phi_r, ("s", "p"))
+        bare = _brdf(model.without(DIFFUSE), np.rad2deg(theta_i[0]), theta_r, phi_r, S_AND_P)
         of_facets = bare[:, 0], bare[:, 1]
     below_s, below_p = (a - b for a, b in zip(total, of_facets, strict=True))
-    below = {"s": below_s, "p": below_p, "u": 0.5 * (below_s + below_p)}[incident]
+    share_s, share_p = STATES[incident].weights
+    below = share_s * below_s + share_p * below_p
     found = np.empty((len(model.x), 3, angles.size))
     bulk = model.names.index("bulk") if "bulk" in model.names else None
     for i, x in enumerate(model.x):

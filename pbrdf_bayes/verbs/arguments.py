@@ -91,8 +91,10 @@ def angles(text: str) -> list[float]:
 
 def words(text: str) -> list[str]:
     """Polarisations with commas."""
+    from pbrdf_bayes.quantities import POLARIZATIONS
+
     found = [part.strip() for part in text.split(",") if part.strip()]
-    if not found or any(word not in ("s", "p", "u") for word in found):
+    if not found or any(word not in POLARIZATIONS for word in found):
         msg = f"{text!r}: give s, p or u with commas"
         raise argparse.ArgumentTypeError(msg)
     return found

@@ -39,6 +39,7 @@ def add_check(verbs: Any) -> None:
                         help="noise-equivalent BRDF [1/sr]; readings up to it are "
                         "censored")  # fmt: skip
     parser.add_argument("--config", type=Path, metavar="TOML", help="takes brdf_floor from it")
+    parser.add_argument("--json", action="store_true", help="print the findings as JSON")
 
 
 def add_fit(verbs: Any) -> None:
@@ -144,9 +145,15 @@ def _add_angles(parser: argparse.ArgumentParser, *, theta_r: str) -> None:
 
 def _check(options: argparse.Namespace) -> int:
     from pbrdf_bayes.io.config_toml import read_config
-    from pbrdf_bayes.workflow.checking import describe_file
+    from pbrdf_bayes.workflow.checking import describe_file, find_in_file
 
     config = read_config(options.config, {"brdf_floor": options.brdf_floor})
+    if options.json:
+        text, message = find_in_file(options.csv, brdf_floor=config.brdf_floor)
+        print(text)
+        if message:
+            print(message, file=sys.stderr)
+        return BAD_INPUT if message else DONE
     text, clean = describe_file(options.csv, brdf_floor=config.brdf_floor)
     print(text)
     return DONE if clean else BAD_INPUT

@@ -12,87 +12,56 @@ from pbrdf_bayes.inference.parameters.table import PHYSICAL
 from pbrdf_bayes.inference.prediction.holdout import Holdout
 from pbrdf_bayes.inference.prediction.residuals import weight_beside_floor
 from pbrdf_bayes.measurement import Measurement
+from pbrdf_bayes.records.checks import Check
+from pbrdf_bayes.records.summary import Applicability
 from pbrdf_bayes.verdict import (
     CONTRACTION_WARN,
     FAIL,
     HELD_OUT_FAIL_DEX,
     PASS,
     WARN,
-    Diagnostic,
     beside_noise,
     misfit_limit_dex,
 )
+from pbrdf_bayes.words import judged, say
 
 APPLIES, DESCRIPTIVE, DOES_NOT_APPLY = "applies", "descriptive only", "does not apply"
-_NOT_CONSTANTS = (
-    "n and k are then not material constants, and their uncertainties are not valid as such."
-)
-_TRY_EFFECTS = (
-    "Try what else the sample does: fit with --effects auto, and look at the residuals for the "
-    "angle at which the misfit starts."
-)
-_LOOK = (
-    "No effect that was tried explains the rest: look at the residuals for the angle at which the "
-    "misfit starts."
-)
-
-
-@dataclass(frozen=True)
-class Applicability:
-    """Verdict on the model as a description of the material.
-
-    Attributes
-    ----------
-    verdict : {"applies", "descriptive only", "does not apply"}
-    reasons : tuple of str
-        What speaks against it, with the numbers; empty where nothing does.
-    statement, advice : str
-    limit_dex : float
-        Rms beyond which the model is descriptive only [dex].
-    repeatability_dex : float
-        How well a reading repeats [dex]; NaN where that is not known.
-    repeatability : str
-        Where that is known from.
-    held_out : str
-        How angles that were left out are predicted, or why none was.
-    caveats : tuple of str
-        What the verdict does not cover, in sentences: what was not tested, what was assumed.
-    """
-
-    verdict: str
-    reasons: tuple[str, ...]
-    statement: str
-    advice: str
-    limit_dex: float
-    repeatability_dex: float
-    repeatability: str
-    held_out: str
-    caveats: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Repeatability:
-    """How well a reading repeats [dex], NaN where that is not known, and where it is known from.
+    """How well a reading repeats.
 
-    ``neighbours_dex`` is the scatter of neighbouring readings alone [dex].
+    Attributes
+    ----------
+    dex : float
+        NaN where that is not known [dex].
+    source : {"stated", "inferred", "above_stated", "unknown"}
+        Stated by the column sigma; inferred from neighbouring readings; the same, and more than is
+        stated.
+    neighbours_dex : float
+        Scatter of neighbouring readings alone [dex].
     """
 
     dex: float
-    words: str
+    source: str
     neighbours_dex: float = np.nan
+
+    @property
+    def words(self) -> str:
+        """The source in words."""
+        return say(f"repeats.{self.source}")
 
     @property
     def stated_beyond_scatter(self) -> bool:
         """The stated sigma is clearly larger than what neighbouring readings scatter by."""
-        return self.words == STATED and self.dex > _CLEARLY * self.neighbours_dex
+        return self.source == "stated" and self.dex > _CLEARLY * self.neighbours_dex
 
 
-NOT_KNOWN = Repeatability(np.nan, "not known")
+NOT_KNOWN = Repeatability(np.nan, "unknown")
 _BRIGHT_NOISE = 0.1
 """Relative noise beside which the floor's part counts."""
 _CLEARLY = 1.5
-STATED = "stated by the column sigma"
-INFERRED = "inferred from the scatter of neighbouring readings"
 
 
 def find_repeatability(
@@ -120,14 +89,13 @@ def find_repeatability(
     if not stated.any():
         if not np.isfinite(white_noise_dex):
             return NOT_KNOWN
-        return Repeatability(white_noise_dex, INFERRED, white_noise_dex)
+        return Repeatability(white_noise_dex, "inferred", white_noise_dex)
     relative = brdf.u_value[stated] / brdf.value[stated]
     weight = weight_beside_floor(brdf.value[stated], brdf_floor, _BRIGHT_NOISE)
     scatter = float(np.sqrt(np.average(relative**2, weights=weight)) / np.log(10.0))
     if scatter < white_noise_dex:
-        words = f"{INFERRED}, more than is {STATED}"
-        return Repeatability(white_noise_dex, words, white_noise_dex)
-    return Repeatability(scatter, STATED, white_noise_dex)
+        return Repeatability(white_noise_dex, "above_stated", white_noise_dex)
+    return Repeatability(scatter, "stated", white_noise_dex)
 
 
 def held_out_rms(holdouts: Sequence[Holdout]) -> dict[str, float]:
@@ -157,12 +125,10 @@ def list_assumed(
         if spec.name not in PHYSICAL:
             continue
         if spec.is_fixed:
-            found.append(f"{spec.name} = {spec.prior.mean:g} was assumed, not measured.")
+            found.append(say("assumed.fixed", name=spec.name, value=spec.prior.mean))
         elif spec.name in given and told[spec.name] < CONTRACTION_WARN:
-            found.append(
-                f"{spec.name} was assumed by its prior, {spec.prior.describe()}, "
-                "rather than measured."
-            )
+            prior = spec.prior.describe()
+            found.append(say("assumed.prior", name=spec.name, prior=prior))
     return tuple(found)
 
 
@@ -174,8 +140,7 @@ def list_only_bounded(null_at: Collection[str]) -> tuple[str, ...]:
     null_at : collection of str
         Parameters that an optimum has at their null value, of those that the readings identify.
     """
-    bounded = "k is 0 at the best fit: the readings tell how large it is at most, and no value."
-    return (bounded,) * ("k" in null_at)
+    return (say("assumed.k_bounded"),) * ("k" in null_at)
 
 
 def judge_applicability(
@@ -210,39 +175,38 @@ def judge_applicability(
         parameters on its bound: the model does not apply. An rms of more than three times the
         repeatability: it is descriptive only.
     """
-    wrong = [f"{name} is at the bound of its prior" for name in PHYSICAL if name in at_bound]
-    for kind, words in (("angle", "angles"), ("polarization", "the other polarisation")):
-        rms = held_out.get(kind, 0.0)
-        if rms > beside_noise(HELD_OUT_FAIL_DEX, repeatability.dex):
-            wrong.append(f"{words} left out are predicted to {rms:.2f} dex only")
-    caveats = list(assumed)
+    wrong = [say("applicability.bound", name=name) for name in PHYSICAL if name in at_bound]
+    limit = beside_noise(HELD_OUT_FAIL_DEX, repeatability.dex)
+    wrong += [
+        say(f"applicability.{kind}", rms=held_out[kind])
+        for kind in ("angle", "polarization")
+        if held_out.get(kind, 0.0) > limit
+    ]
+    caveats = tuple(assumed)
     if "angle" in held_out:
-        tested = f"angles left out are predicted to {held_out['angle']:.3f} dex"
+        tested = say("applicability.tested", rms=held_out["angle"])
     else:
-        tested = f"not tested: prediction of angles left out{untested}"
-        caveats.insert(0, f"N{tested[1:]}.")
-    limit = misfit_limit_dex(repeatability.dex)
-    loose = []
+        tested = say("applicability.untested", why=untested)
+        caveats = (f"{tested[0].upper()}{tested[1:]}.", *caveats)
+    limit, loose = misfit_limit_dex(repeatability.dex), []
     if best_rms_dex > limit:
-        loose.append(
-            f"the rms is {best_rms_dex:.3f} dex where readings repeat to {repeatability.dex:.3f} "
-            f"dex ({repeatability.words})"
-        )
-    basis = (limit, repeatability.dex, repeatability.words, tested, tuple(caveats))
-    verdict = DOES_NOT_APPLY if wrong else DESCRIPTIVE if loose else APPLIES
-    reasons = (*wrong, *loose)
-    if not reasons:
-        words = " ".join(["Nothing speaks against the model for this material.", *caveats])
-        return Applicability(verdict, (), words, "", *basis)
-    lead = "The model does not apply" if wrong else "The model is descriptive only"
-    words = " ".join([f"{lead}: {'; '.join(reasons)}. {_NOT_CONSTANTS}", *caveats])
-    return Applicability(verdict, reasons, words, _LOOK if extended else _TRY_EFFECTS, *basis)
+        dex, source = repeatability.dex, repeatability.words
+        loose = [say("applicability.loose", rms=best_rms_dex, dex=dex, source=source)]
+    reasons, verdict, key = (*wrong, *loose), APPLIES, "applies"
+    if reasons:
+        verdict, key = (DOES_NOT_APPLY, "fails") if wrong else (DESCRIPTIVE, "descriptive")
+    said = say(f"applicability.{key}", reasons="; ".join(reasons))
+    remedy = say("applicability.tried" if extended else "applicability.try_effects")
+    return Applicability(
+        verdict, reasons, " ".join([said, *caveats]), remedy if reasons else "", limit,
+        repeatability.dex, repeatability.words, tested, caveats,
+    )  # fmt: skip
 
 
-def applicability_diagnostic(found: Applicability, best_rms_dex: float) -> Diagnostic:
+def applicability_diagnostic(found: Applicability, best_rms_dex: float) -> Check:
     """The verdict among the other ones."""
     verdict = {APPLIES: PASS, DESCRIPTIVE: WARN, DOES_NOT_APPLY: FAIL}[found.verdict]
-    return Diagnostic(
-        "applicability", "Applicability of the model", best_rms_dex, found.limit_dex, "dex",
-        verdict, found.statement, found.advice,
+    return judged(
+        "applicability", best_rms_dex, found.limit_dex, verdict, statement=found.statement,
+        advice=found.advice,
     )  # fmt: skip

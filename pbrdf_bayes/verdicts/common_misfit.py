@@ -20,14 +20,15 @@ from pbrdf_bayes.inference.prediction.discrepancy import (
     smoother,
 )
 from pbrdf_bayes.inference.prediction.residuals import log_residuals, scan_of_rows
+from pbrdf_bayes.records.checks import Check
 from pbrdf_bayes.verdict import (
     COMMON_SIZE,
     COMMON_WARN,
     FALSE_ALARM,
     PASS,
     WARN,
-    Diagnostic,
 )
+from pbrdf_bayes.words import judged
 
 Array = NDArray[np.float64]
 
@@ -108,18 +109,13 @@ def compare_misfits(posterior: Posterior, x: Array, *, seed: int) -> CommonMisfi
     return CommonMisfit(found, (beyond + 1) / (_REPLICATES + 1), groups.size, size)
 
 
-def judge_common(found: CommonMisfit) -> Diagnostic:
+def judge_common(found: CommonMisfit) -> Check:
     """WARN where misfits that matter are alike by more than chance would have it."""
     alike = found.p_value < FALSE_ALARM and found.correlation > COMMON_WARN
     shared = alike and found.size > COMMON_SIZE
-    return Diagnostic(
-        "common_misfit", "Misfit common to the scans", found.correlation, COMMON_WARN, "1",
-        WARN if shared else PASS,
-        f"The misfits of {found.n_groups} scans have a correlation of {found.correlation:.2f}; "
-        f"with misfits of their own it would be as large with probability {found.p_value:.2g}.",
-        "The intervals take the misfits of two scans as independent, and are too narrow for one "
-        "that they share, those of sigma_n0 and rho0 most. Look for an error of the angle scale or "
-        "the detector, or another line shape." if shared else "",
+    return judged(
+        "common_misfit", found.correlation, COMMON_WARN, WARN if shared else PASS,
+        n=found.n_groups, p=found.p_value,
     )  # fmt: skip
 
 

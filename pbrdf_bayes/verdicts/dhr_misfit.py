@@ -7,7 +7,9 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.prediction.conditionals import dhr_conditionals
-from pbrdf_bayes.verdict import DHR_FAIL, DHR_WARN, PASS, Diagnostic, grade
+from pbrdf_bayes.records.checks import Check
+from pbrdf_bayes.verdict import DHR_FAIL, DHR_WARN, grade
+from pbrdf_bayes.words import judged
 
 Array = NDArray[np.float64]
 
@@ -37,12 +39,7 @@ def measure_dhr_misfit(posterior: Posterior, x: Array) -> float:
     return float(np.sqrt(beyond / np.mean(rows.dhr**2)))
 
 
-def judge_dhr(misfit: float) -> Diagnostic:
+def judge_dhr(misfit: float) -> Check:
     """A verdict on `measure_dhr_misfit`."""
     verdict = grade(misfit, DHR_WARN, DHR_FAIL)
-    return Diagnostic(
-        "dhr_misfit", "DHR misfit", misfit, DHR_FAIL, "1", verdict,
-        f"DHR readings are {100.0 * misfit:.0f} % rms from the model beyond their stated noise.",
-        "" if verdict == PASS else "BRDF and DHR contradict each other, or the DHR noise is as "
-        "large as that: check the calibration of both; fit each alone and compare.",
-    )  # fmt: skip
+    return judged("dhr_misfit", misfit, DHR_FAIL, verdict, percent=100.0 * misfit)

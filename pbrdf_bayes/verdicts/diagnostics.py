@@ -13,7 +13,6 @@ from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.inference.optimum.bounds import (
     at_bound,
     at_null,
-    judge_bounds,
     pressed,
     share_at_bound,
 )
@@ -27,11 +26,14 @@ from pbrdf_bayes.inference.prediction.residuals import Residuals, effective_shar
 from pbrdf_bayes.inference.rejected import Rejected, together
 from pbrdf_bayes.inference.sampling.power_scaling import PriorSensitivity
 from pbrdf_bayes.inference.sampling.sampling import AUTOCORRELATION_TIMES, RHAT_LIMIT, Draws
+from pbrdf_bayes.records.checks import Check
+from pbrdf_bayes.records.summary import Applicability, DiscrepancySize
 from pbrdf_bayes.verdict import (
     CONTRACTION_WARN,
     COVERAGE_CHANCE,
     COVERAGE_WARN,
     FAIL,
+    K_HAT_LIMIT,
     LAG1_FAIL,
     LAG1_WARN,
     MISFIT_FAIL_DEX,
@@ -39,25 +41,21 @@ from pbrdf_bayes.verdict import (
     PASS,
     RIVAL_NATS,
     WARN,
-    Diagnostic,
     beside_noise,
     grade,
     misfit_limit_dex,
 )
-from pbrdf_bayes.verdicts.applicability import (
-    Applicability,
-    Repeatability,
-    applicability_diagnostic,
-)
+from pbrdf_bayes.verdicts.applicability import Repeatability, applicability_diagnostic
 from pbrdf_bayes.verdicts.common_misfit import CommonMisfit, judge_common
 from pbrdf_bayes.verdicts.dhr_misfit import judge_dhr
-from pbrdf_bayes.verdicts.discrepancy_size import DiscrepancySize, judge_size
+from pbrdf_bayes.verdicts.discrepancy_size import judge_size
 from pbrdf_bayes.verdicts.predictive_checks import (
     judge_families,
     judge_prior,
     judge_readings,
     judge_recipe,
 )
+from pbrdf_bayes.words import judged, say
 
 Array = NDArray[np.float64]
 
@@ -169,7 +167,7 @@ def run_diagnostics(
     applicability: Applicability | None = None,
     common: CommonMisfit | None = None,
     dhr_misfit: float = np.nan,
-) -> tuple[Diagnostic, ...]:
+) -> tuple[Check, ...]:
     """All verdicts on a run, in the order of the report; no record, no verdict."""
     checks = [
         _rhat(draws),
@@ -177,7 +175,7 @@ def run_diagnostics(
         _chain_length(draws),
         _modes(optima, draws, identifiability.columns),
         _identified(identifiability),
-        judge_bounds(identifiability.shares, identifiability.optimum_at, identifiability.null_at),
+        _bounds(identifiability),
     ]
     if sensitivity is not None:
         checks.append(judge_prior(sensitivity))
@@ -210,84 +208,48 @@ def _percent(dex: float) -> float:
     return float(100.0 * (10.0**dex - 1.0))
 
 
-def _misfit(rms: float, repeatability: Repeatability) -> Diagnostic:
+def _misfit(rms: float, repeatability: Repeatability) -> Check:
     noise = repeatability.dex
     fail = beside_noise(MISFIT_FAIL_DEX, noise)
     warn = min(beside_noise(MISFIT_WARN_DEX, noise), misfit_limit_dex(noise))
-    verdict = grade(rms, warn, fail)
-    statement = (
-        f"At its least-squares optimum the model leaves {rms:.3f} dex rms ({_percent(rms):.0f} %); "
-        + (
-            f"readings repeat to {noise:.3f} dex ({repeatability.words})."
-            if np.isfinite(noise)
-            else "how well readings repeat is not known."
-        )
+    known = np.isfinite(noise)
+    repeats = say(
+        "misfit.repeats" if known else "misfit.unknown", dex=noise, source=repeatability.words
     )
-    advice = (
-        "The model does not describe these readings. n, k, σ_N0 and ρ_0 are "
-        "then fitted numbers, not material constants, and their intervals are not valid."
-        if verdict == FAIL
-        else "The misfit is larger than the noise: intervals that take the model as exact are too "
-        "narrow. Look at the residuals for the angle at which it starts."
-        if verdict == WARN
-        else ""
+    return judged(
+        "misfit", rms, fail, grade(rms, warn, fail), percent=_percent(rms), repeats=repeats
     )
-    return Diagnostic("misfit", "Model misfit", rms, fail, "dex", verdict, statement, advice)
 
 
-def _correlation(residuals: Residuals, share: float) -> Diagnostic:
-    verdict = grade(residuals.lag1, LAG1_WARN, LAG1_FAIL)
-    advice = (
-        f"Neighbouring readings are not independent: their information is that of about "
-        f"{100 * share:.2g} % of the rows, and the intervals of this i.i.d. likelihood are too "
-        f"narrow, by a factor of the order of {share**-0.5:.1f}."
-        if verdict != PASS
-        else ""
-    )
-    statement = f"Residuals of neighbouring angles correlate with {residuals.lag1:.2f}."
-    return Diagnostic(
-        "residual_correlation", "Residual correlation", residuals.lag1, LAG1_FAIL, "1", verdict,
-        statement, advice,
+def _correlation(residuals: Residuals, share: float) -> Check:
+    return judged(
+        "residual_correlation", residuals.lag1, LAG1_FAIL,
+        grade(residuals.lag1, LAG1_WARN, LAG1_FAIL), share=100.0 * share, factor=share**-0.5,
     )  # fmt: skip
 
 
-def _rhat(draws: Draws) -> Diagnostic:
+def _rhat(draws: Draws) -> Check:
     value = float(draws.rhat.max())
     verdict = PASS if value < RHAT_LIMIT else FAIL
-    return Diagnostic(
-        "rhat", "Agreement of ensembles (nested R-hat)", value, RHAT_LIMIT, "1", verdict,
-        f"Largest R-hat between {len(np.unique(draws.ensemble))} ensembles: {value:.4f}.",
-        "" if verdict == PASS else "The ensembles disagree: give more steps (max_steps).",
-    )  # fmt: skip
+    return judged("rhat", value, RHAT_LIMIT, verdict, n=len(np.unique(draws.ensemble)))
 
 
-def _ess(draws: Draws, config: RunConfig) -> Diagnostic:
+def _ess(draws: Draws, config: RunConfig) -> Check:
     value = float(min(draws.ess_bulk.min(), draws.ess_tail.min()))
-    verdict = PASS if value >= config.ess_target else FAIL
-    return Diagnostic(
-        "ess", "Effective sample size", value, float(config.ess_target), "1", verdict,
-        f"Smallest bulk or tail effective sample size: {value:.0f}.",
-        "" if verdict == PASS else "Means and intervals are noisy: give more steps (max_steps).",
-    )  # fmt: skip
+    return judged("ess", value, config.ess_target, PASS if value >= config.ess_target else FAIL)
 
 
-def _chain_length(draws: Draws) -> Diagnostic:
+def _chain_length(draws: Draws) -> Check:
     if draws.method == "psis":
-        return Diagnostic(
-            "k_hat", "Importance weights (Pareto k-hat)", draws.k_hat, 0.7, "1", PASS,
-            f"Pareto k-hat {draws.k_hat:.2f}: importance sampling is reliable here.",
-        )  # fmt: skip
+        return judged("k_hat", draws.k_hat, K_HAT_LIMIT, PASS)
     value = (draws.n_steps - draws.n_burn) / draws.autocorrelation_time
     verdict = PASS if value >= AUTOCORRELATION_TIMES else FAIL
-    return Diagnostic(
-        "chain_length", "Chain length in autocorrelation times", value, AUTOCORRELATION_TIMES, "1",
-        verdict, f"Kept steps are {value:.0f} autocorrelation times of "
-        f"{draws.autocorrelation_time:.1f} steps.",
-        "" if verdict == PASS else "The autocorrelation estimate needs a longer chain (max_steps).",
-    )  # fmt: skip
+    return judged(
+        "chain_length", value, AUTOCORRELATION_TIMES, verdict, time=draws.autocorrelation_time
+    )
 
 
-def _modes(optima: MapResult, draws: Draws, physical: NDArray[np.int64]) -> Diagnostic:
+def _modes(optima: MapResult, draws: Draws, physical: NDArray[np.int64]) -> Check:
     """Rivals differ in the physical parameters; how noises share their roles does not count."""
     x = draws.flat[:, physical]
     places = np.array([optimum.x[physical] for optimum in optima.optima])
@@ -295,17 +257,14 @@ def _modes(optima: MapResult, draws: Draws, physical: NDArray[np.int64]) -> Diag
     apart = np.array([_apart(x, places[0], place) for place in places])
     rival = apart & (gaps < RIVAL_NATS)
     n_rivals = int(rival.sum())
-    found = "no rival is near."
+    rivals = say("modes.none")
     if n_rivals:
         share = _share_of_rivals(draws, physical, places, rival)
-        found = f"{n_rivals} other within {RIVAL_NATS:g} nats. {share}"
-    best = optima.best
-    statement = f"{best.n_starts} of {optima.n_starts} starts end at the best optimum; {found}"
-    return Diagnostic(
-        "modes", "Separate optima", float(gaps[rival][0]) if n_rivals else np.nan, RIVAL_NATS,
-        "nat", WARN if n_rivals else PASS, statement,
-        "Several parameter sets explain the data: the weights between them are only as good as "
-        "the sampler's jumps. Add a polarisation, an angle or a DHR reading." if n_rivals else "",
+        rivals = say("modes.rivals", n=n_rivals, limit=RIVAL_NATS, share=share)
+    return judged(
+        "modes", float(gaps[rival][0]) if n_rivals else np.nan, RIVAL_NATS,
+        WARN if n_rivals else PASS, n_best=optima.best.n_starts, n_starts=optima.n_starts,
+        rivals=rivals,
     )  # fmt: skip
 
 
@@ -335,41 +294,50 @@ def _share_of_rivals(
     near = rival[np.argmin(distances, axis=0)]
     share = float(near.mean())
     if share == 0.0:
-        return "No draw is near it: the weight between them is not known."
+        return say("modes.no_draw")
     each = [near[draws.ensemble == e].mean() for e in np.unique(draws.ensemble)]
     # ensembles made by importance sampling share their weights: they agree too well
     scatter = np.std(each, ddof=1) / np.sqrt(len(each))
     error = max(float(scatter), float(np.sqrt(share * (1.0 - share) / draws.ess_bulk.min())))
-    return f"Near it are ({100.0 * share:.1f} ± {100.0 * error:.1f}) % of the draws."
+    return say("modes.share", percent=100.0 * share, error=100.0 * error)
 
 
-def _identified(found: Identifiability) -> Diagnostic:
+def _identified(found: Identifiability) -> Check:
     value = float(found.honest.min())
     weak = [
         f"{name} ({c:.2f})"
         for name, c in zip(found.names, found.honest, strict=True)
         if c < CONTRACTION_WARN
     ]
-    verdict = WARN if weak else PASS
-    basis = (
-        f", the readings counted as {100 * found.share:.2g} % of their number for their correlation"
-        if found.share < 1.0
-        else ""
-    )
-    statement = (
-        f"Not identified by the data: {', '.join(weak)} (variance explained by the data{basis})."
-        if weak
-        else f"The data explain at least {min(np.floor(1000.0 * value) / 10.0, 99.9):g} % of the "
-        f"prior variance of every physical parameter{basis}."
-    )
-    return Diagnostic(
-        "identifiability", "Identifiability", value, CONTRACTION_WARN, "1", verdict, statement,
-        "Their posterior is mostly the prior's. Polarised scans, DHR readings or a narrower, "
-        "defensible prior are needed before they are quoted." if weak else "",
+    correlated = found.share < 1.0
+    basis = say("identifiability.basis", percent=100.0 * found.share) if correlated else ""
+    return judged(
+        "identifiability", value, CONTRACTION_WARN, WARN if weak else PASS, basis=basis,
+        percent=min(np.floor(1000.0 * value) / 10.0, 99.9),
+        statement=say("identifiability.weak", listed=", ".join(weak), basis=basis) if weak else "",
     )  # fmt: skip
 
 
-def _coverage(inside: int, n: int, share: float, *, correlated: bool) -> Diagnostic:
+def _bounds(found: Identifiability) -> Check:
+    """K = 0 is a material without absorption, the end of the possible and not of the prior."""
+    shares = found.shares
+    active = [
+        say(
+            "bounds.optimum" if name in found.optimum_at else "bounds.share", name=name,
+            percent=100.0 * shares[name],
+        )
+        for name in found.at_bound
+    ]  # fmt: skip
+    name, share = max(shares.items(), key=lambda item: item[1])
+    most = say("bounds.most", percent=100.0 * share, name=name) if share >= 0.005 else ""
+    return judged(
+        "bounds", float(len(active)), 0.0, FAIL if active else PASS, most=most,
+        more=say("bounds.dielectric") if "k" in found.null_at else "",
+        statement=say("bounds.pressed", listed=", ".join(active)) if active else "",
+    )  # fmt: skip
+
+
+def _coverage(inside: int, n: int, share: float, *, correlated: bool) -> Check:
     """Outside the limits, and farther from 90 % than the effective number of readings explains.
 
     A band for new scans has a discrepancy of their own. The fitted ones have shown theirs, and may
@@ -381,21 +349,11 @@ def _coverage(inside: int, n: int, share: float, *, correlated: bool) -> Diagnos
     chance = min(binom.cdf(count, n_effective, 0.9), binom.sf(count - 1, n_effective, 0.9))
     within = COVERAGE_WARN[0] <= coverage <= (1.0 if correlated else COVERAGE_WARN[1])
     verdict = PASS if within or chance > COVERAGE_CHANCE else WARN
-    return Diagnostic(
-        "coverage", "Readings inside the 90 % predictive band", coverage, 0.9, "1", verdict,
-        f"{100 * coverage:.1f} % of the {n} fitted readings lie inside the 90 % predictive band.",
-        "" if verdict == PASS else "The noise model does not describe the scatter of the readings.",
-    )  # fmt: skip
+    return judged("coverage", coverage, 0.9, verdict, percent=100.0 * coverage, n=n)
 
 
-def _not_finite(rejected: Rejected, physical: Identifiability) -> Diagnostic:
+def _not_finite(rejected: Rejected, physical: Identifiability) -> Check:
     """Points that the model and not the prior rejects."""
     values = rejected.examples[0][physical.columns]
     first = ", ".join(f"{n} = {x:.6g}" for n, x in zip(physical.names, values, strict=True))
-    return Diagnostic(
-        "not_finite", "Points the model rejects", float(rejected.n), 0.0, "1", WARN,
-        f"At {rejected.n} points inside the prior the model gave no finite density; the first: "
-        f"{first}.",
-        "They were left out as impossible. Where they lie near the posterior it is cut there: "
-        "narrow the prior, or report these points (all parameters are in summary.json).",
-    )  # fmt: skip
+    return judged("not_finite", float(rejected.n), 0.0, WARN, first=first)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import exp, log
 
 import numpy as np
@@ -13,47 +12,19 @@ from pbrdf_bayes.inference.optimum.laplace import laplace_mixture
 from pbrdf_bayes.inference.optimum.map_fit import find_map
 from pbrdf_bayes.inference.parameters.table import DISCREPANCY
 from pbrdf_bayes.inference.posterior import Posterior, build_posterior
+from pbrdf_bayes.records.checks import Check
+from pbrdf_bayes.records.summary import DiscrepancySize
 from pbrdf_bayes.verdict import (
     DISCREPANCY_FAIL,
     DISCREPANCY_WARN,
     FAIL,
-    WARN,
-    Diagnostic,
     grade,
 )
+from pbrdf_bayes.words import judged
 
 Array = NDArray[np.float64]
 
 _N_STARTS = 4
-
-
-@dataclass(frozen=True)
-class DiscrepancySize:
-    """What a correlated misfit came to, and what independent readings would have claimed.
-
-    Attributes
-    ----------
-    tau, ell_deg : float
-        Posterior medians of amplitude [1, in ln BRDF] and length [deg].
-    span_deg : float
-        Longest scan [deg].
-    white_noise : float
-        Posterior median of the relative white noise, the largest of the polarisations [1].
-    size_dex, size_percent : float
-        The amplitude once more, in log10 BRDF and in per cent of the BRDF.
-    sd, sd_if_independent : mapping of str to float
-        Standard deviation of each physical parameter, and what the likelihood of independent
-        readings would have claimed (at its optimum, by Laplace's method).
-    """
-
-    tau: float
-    ell_deg: float
-    span_deg: float
-    white_noise: float
-    size_dex: float
-    size_percent: float
-    sd: Mapping[str, float]
-    sd_if_independent: Mapping[str, float]
 
 
 def measure_discrepancy(posterior: Posterior, draws: Array, *, seed: int) -> DiscrepancySize | None:
@@ -104,28 +75,13 @@ def _sd_if_independent(posterior: Posterior, seed: int) -> dict[str, float]:
     return dict(zip(names, sd.tolist(), strict=True))
 
 
-def judge_size(found: DiscrepancySize) -> Diagnostic:
+def judge_size(found: DiscrepancySize) -> Check:
     """Too large, or so long that it is a second level of the scan: the model does not apply."""
     too_long = found.tau > DISCREPANCY_WARN and found.ell_deg > 0.5 * found.span_deg
     verdict = FAIL if too_long else grade(found.tau, DISCREPANCY_WARN, DISCREPANCY_FAIL)
     factors = [found.sd[name] / found.sd_if_independent[name] for name in found.sd]
-    statement = (
-        f"Along a scan the model is off by {found.size_dex:.3f} dex ({found.size_percent:.1f} %), "
-        f"over lengths of {found.ell_deg:.0f} deg; the white noise is "
-        f"{100.0 * found.white_noise:.1f} %. Standard deviations are {min(factors):.2g} to "
-        f"{max(factors):.2g} times those that independent readings would have claimed."
-    )
-    advice = (
-        "The model does not apply: what it leaves is of the size of what it explains. The "
-        "intervals carry that label; look for the effect that is missing. Where whole scans are "
-        "off, give them a scale of their own (u_brdf_cal, or brdf_scale = 'relative')."
-        if verdict == FAIL
-        else "The intervals allow for a misfit of each scan's own. Look at the residuals for the "
-        "angle at which it starts."
-        if verdict == WARN
-        else ""
-    )
-    return Diagnostic(
-        "discrepancy", "Discrepancy of the model", found.tau, DISCREPANCY_FAIL, "1", verdict,
-        statement, advice,
+    return judged(
+        "discrepancy", found.tau, DISCREPANCY_FAIL, verdict, dex=found.size_dex,
+        percent=found.size_percent, length=found.ell_deg, noise=100.0 * found.white_noise,
+        low=min(factors), high=max(factors),
     )  # fmt: skip

@@ -8,8 +8,10 @@ import numpy as np
 from scipy.special import ndtri
 
 from pbrdf_bayes.inference.prediction.holdout import Holdout
-from pbrdf_bayes.inference.prediction.leave_one_out import Influential, LeaveOneOut, ScanPit
+from pbrdf_bayes.inference.prediction.leave_one_out import LeaveOneOut
 from pbrdf_bayes.inference.sampling.power_scaling import PriorSensitivity
+from pbrdf_bayes.records.checks import Check
+from pbrdf_bayes.records.summary import Influential, ScanPit
 from pbrdf_bayes.verdict import (
     COVERAGE_WARN,
     DISPLACED,
@@ -23,35 +25,19 @@ from pbrdf_bayes.verdict import (
     SENSITIVE,
     SURPRISE_LIMIT,
     WARN,
-    Diagnostic,
     grade,
 )
 from pbrdf_bayes.verdicts.applicability import NOT_KNOWN, Repeatability
+from pbrdf_bayes.words import counted, judged, say
 
 _LISTED = 3
 _CLEAR = 4.0
-_PIT_ADVICE = {
-    "shape": "Residuals that are not normal: look for outliers and for angles where the model "
-    "bends otherwise than the readings.",
-    "biased": "A biased scan: its scale or its alignment is off, or the model is there. Say how "
-    "well the scale is known (u_brdf_cal), or leave it free (brdf_scale = 'relative').",
-    "wide": "Residuals wider than the noise of their polarisation: intervals and bands are too "
-    "narrow for that scan.",
-    "narrow": "Residuals narrower than the noise of their polarisation: another scan inflates it.",
-    "all narrow": "Residuals of every scan are narrower than the noise that is taken for them: the "
-    "prior of that noise (s_rel) holds it up, or the readings were smoothed.",
-}
-_FAMILIES = {
-    "angle": ("holdout_angles", "Prediction of angles left out", "angles of incidence", "others"),
-    "polarization": (
-        "holdout_polarization", "Prediction of the other polarisation", "polarisations", "other",
-    ),
-}  # fmt: skip
+_FAMILIES = {"angle": "holdout_angles", "polarization": "holdout_polarization"}
 
 
 def judge_readings(
     found: LeaveOneOut, repeatability: Repeatability = NOT_KNOWN
-) -> tuple[Diagnostic, ...]:
+) -> tuple[Check, ...]:
     """Influence of single readings, readings at odds, the PIT of scans."""
     verdicts = [_influence(found)]
     if found.farthest:
@@ -61,116 +47,85 @@ def judge_readings(
     return tuple(verdicts)
 
 
-def _influence(found: LeaveOneOut) -> Diagnostic:
+def _influence(found: LeaveOneOut) -> Check:
     worst = found.most_influential[0]
     verdict = PASS if worst.k_hat <= INFLUENCE_WARN else WARN
-    many = found.n_influential
-    statement = (
-        f"Each of {found.n_readings} readings predicted from all others: log density "
-        f"{found.elpd:.0f} ± {found.u_elpd:.0f}, {found.p_loo:.1f} effective parameters; largest "
-        f"Pareto k-hat {worst.k_hat:.2f}, of {_place(worst)}."
-    )
+    many, influential = found.n_influential, ""
     if many and verdict == PASS:
-        have, own = ("has", "it was") if many == 1 else ("have", "they were")
-        statement += (
-            f" {many} {have} much weight in the posterior (k-hat above {found.k_hat_limit:.2f} "
-            f"until {own} left out of a sample made for that)."
-        )
+        readings = f"{counted(many, 'reading')} {'has' if many == 1 else 'have'}"
+        influential = say("loo.influential", readings=readings, limit=found.k_hat_limit)
     dominant = [r for r in found.most_influential if r.k_hat > INFLUENCE_WARN][:_LISTED]
-    advice = (
-        f"The posterior hangs on single readings: {'; '.join(map(_place, dominant))}. Measure them "
-        "again, or flag them and compare the two fits."
-        if verdict == WARN
-        else ""
-    )
-    return Diagnostic(
-        "loo", "Leave-one-out (Pareto k-hat)", worst.k_hat, INFLUENCE_WARN, "1", verdict,
-        statement, advice,
+    return judged(
+        "loo", worst.k_hat, INFLUENCE_WARN, verdict, lines=_lines(dominant), n=found.n_readings,
+        elpd=found.elpd, u_elpd=found.u_elpd, p_loo=found.p_loo, place=_place(worst),
+        places="; ".join(map(_place, dominant)), influential=influential,
     )  # fmt: skip
 
 
-def _outliers(found: LeaveOneOut) -> Diagnostic:
+def _outliers(found: LeaveOneOut) -> Check:
     """Two-sided, shared by all readings."""
     z = found.pointwise.z[np.isfinite(found.pointwise.z)]
     limit = float(-ndtri(0.5 * FALSE_ALARM / z.size))
     beyond = int(np.sum(np.abs(z) > limit))
-    worst = found.farthest[0]
-    named = [f"{_place(r)}, {r.z:+.1f} sd" for r in found.farthest if abs(r.z) > limit][:_LISTED]
-    statement = (
-        f"{beyond} of {z.size} readings {'lies' if beyond == 1 else 'lie'} where all others would "
-        f"not have them: {'; '.join(named)}{' and others' * (beyond > len(named))}."
-        if beyond
-        else f"The reading farthest from what all others predict is {_place(worst)}, "
-        f"{worst.z:+.1f} standard deviations."
-    )
-    advice = (
-        "Look at them in the laboratory's records: a slip, stray light, the detector's shadow. "
-        "They widen the inferred noise and pull the parameters; flag what is wrong and fit again."
-        if beyond
-        else ""
-    )
-    return Diagnostic(
-        "outliers", "Readings at odds with all others", abs(worst.z), limit, "sd",
-        WARN if beyond else PASS, statement, advice,
+    worst, far = found.farthest[0], [r for r in found.farthest if abs(r.z) > limit][:_LISTED]
+    listed = [say("outliers.one", place=_place(r), z=r.z) for r in far]
+    listed += ["others"] * (beyond > len(far))
+    said = say("outliers.found", n=beyond, all=z.size, listed="; ".join(listed))
+    return judged(
+        "outliers", abs(worst.z), limit, WARN if beyond else PASS, place=_place(worst), z=worst.z,
+        statement=said if beyond else "", lines=_lines(far),
     )  # fmt: skip
 
 
 def _place(reading: Influential) -> str:
-    line = f", line {reading.row}" if reading.row else ""
-    return f"{reading.label} at {reading.angle_deg:g} deg{line}"
+    return say(
+        "place.line" if reading.row else "place", label=reading.label, angle=reading.angle_deg,
+        row=reading.row,
+    )  # fmt: skip
 
 
-def _pit(scans: Sequence[ScanPit], repeatability: Repeatability) -> Diagnostic:
+def _lines(readings: Sequence[Influential]) -> list[int]:
+    return [r.row for r in readings if r.row]
+
+
+def _pit(scans: Sequence[ScanPit], repeatability: Repeatability) -> Check:
     """Kolmogorov-Smirnov scan by scan, the probability of a false alarm shared by the scans."""
     n = len(scans)
     bad = [s for s in scans if n * s.p_value < FALSE_ALARM and s.distance > PIT_DISTANCE]
     bad.sort(key=lambda s: s.p_value)
     smallest = min(s.p_value for s in (bad or scans))
     value = min(n * smallest, 1.0) if bad else max(min(n * smallest, 1.0), FALSE_ALARM)
-    named = [f"scan {s.label}, {_departure(s)[0]}" for s in bad[:_LISTED]]
-    statement = (
-        f"In {len(bad)} of {n} scans the readings do not lie in what all others predict as chance "
-        f"would have it: {'; '.join(named)}{' and others' * (len(bad) > _LISTED)}."
-        if bad
-        else f"In each of {n} scans the readings are spread over what all others predict as chance "
-        "would have it."
-    )
-    kinds = [_departure(s)[1] for s in bad]
+    listed = [
+        say("pit.one", label=s.label, departure=say(f"pit.{_departure(s)}", mean=s.mean, sd=s.sd))
+        for s in bad[:_LISTED]
+    ]
+    listed += ["others"] * (len(bad) > _LISTED)
+    kinds = [_departure(s) for s in bad]
     if kinds == ["narrow"] * n:
-        kinds = ["all narrow"]
-    advice = " ".join(dict.fromkeys(_remedy(kind, repeatability) for kind in kinds))
-    return Diagnostic(
-        "pit", "Probability integral transform by scan (p-value)", value, FALSE_ALARM, "1",
-        WARN if bad else PASS, statement, advice,
+        kinds = ["all_narrow"]
+    said = say("pit.found", n=len(bad), all=n, listed="; ".join(listed))
+    return judged(
+        "pit", value, FALSE_ALARM, WARN if bad else PASS, n=n, statement=said if bad else "",
+        advice=" ".join(dict.fromkeys(_remedy(kind, repeatability) for kind in kinds)),
+        scans=[s.label for s in bad],
     )  # fmt: skip
 
 
-def _departure(scan: ScanPit) -> tuple[str, str]:
-    """What is wrong with the residuals of a scan, in words and as a kind of it."""
+def _departure(scan: ScanPit) -> str:
+    """Kind of what is wrong with the residuals of a scan."""
     bias = abs(scan.mean) * scan.n**0.5
     spread = abs(scan.sd - 1.0) * (2.0 * scan.n) ** 0.5
     if max(bias, spread) < _CLEAR:
-        words, kind = "tails or skewness of the residuals", "shape"
-    elif bias >= spread:
-        words, kind = f"residuals biased (mean {scan.mean:+.1f} sd)", "biased"
-    elif scan.sd > 1.0:
-        words, kind = f"residuals too wide (sd {scan.sd:.1f})", "wide"
-    else:
-        words, kind = f"residuals too narrow (sd {scan.sd:.1f})", "narrow"
-    return words, kind
+        return "shape"
+    if bias >= spread:
+        return "biased"
+    return "wide" if scan.sd > 1.0 else "narrow"
 
 
 def _remedy(kind: str, repeatability: Repeatability) -> str:
-    """What to do about a kind of departure."""
     if kind.endswith("narrow") and repeatability.stated_beyond_scatter:
-        return (
-            f"The column sigma states {repeatability.dex:.3f} dex where neighbouring readings "
-            f"scatter by {repeatability.neighbours_dex:.3f} dex. The likelihood takes sigma as "
-            "noise of each reading by itself; what the readings of a scan share (the gain of a "
-            "run, the scale) is none. State the scatter of single readings in sigma, and the "
-            "shared part in u_brdf_cal, or leave the scale free (brdf_scale = 'relative')."
-        )
-    return _PIT_ADVICE[kind]
+        kind = "stated"
+    return say(f"pit.{kind}.advice", stated=repeatability.dex, found=repeatability.neighbours_dex)
 
 
 def judge_holdout(found: Holdout) -> str:
@@ -187,51 +142,36 @@ def judge_holdout(found: Holdout) -> str:
     return WARN if verdict == PASS and not covered else verdict
 
 
-def judge_recipe(found: Holdout) -> Diagnostic:
+def judge_recipe(found: Holdout) -> Check:
     """The prediction of the paper's recipe."""
-    verdict = judge_holdout(found)
-    return Diagnostic(
-        "holdout", "Prediction of scans not fitted", found.rms_dex, MISFIT_FAIL_DEX, "dex", verdict,
-        found.statement,
-        "" if verdict == PASS else "Curves at angles that were not measured are less certain than "
-        "their bands say.",
-    )  # fmt: skip
+    return judged(
+        "holdout", found.rms_dex, MISFIT_FAIL_DEX, judge_holdout(found), statement=found.statement
+    )
 
 
-def judge_families(cases: Sequence[Holdout]) -> tuple[Diagnostic, ...]:
+def judge_families(cases: Sequence[Holdout]) -> tuple[Check, ...]:
     """One verdict over the angles left out, one over the polarisations: that of the worst case."""
-    families = {kind: [c for c in cases if c.kind == kind] for kind in _FAMILIES}
-    return tuple(_family(kind, found) for kind, found in families.items() if found)
+    families = {code: [c for c in cases if c.kind == kind] for kind, code in _FAMILIES.items()}
+    return tuple(_family(code, found) for code, found in families.items() if found)
 
 
-def _family(kind: str, cases: Sequence[Holdout]) -> Diagnostic:
-    name, title, words, others = _FAMILIES[kind]
+def _family(code: str, cases: Sequence[Holdout]) -> Check:
     order = [PASS, WARN, FAIL]
     worst = max(
         cases, key=lambda c: (order.index(judge_holdout(c)), float(np.nan_to_num(c.rms_dex)))
     )
-    verdict = judge_holdout(worst)
-    missed = [c.name for c in cases if judge_holdout(c) != PASS]
-    statement = (
-        f"{len(cases)} {words} predicted from the {others}: at worst {worst.name}, within "
-        f"{worst.rms_dex:.3f} dex rms, {100 * worst.coverage_90:.0f} % of its readings inside the "
-        f"90 % predictive band, which is {worst.width_dex:.3f} dex wide."
-    )
-    advice = {
-        "angle": f"Not predicted as well as the bands say: {', '.join(missed)}. The model does not "
-        "carry over between angles of incidence: curves at angles not measured are less certain "
-        "than their bands.",
-        "polarization": f"Not predicted as well as the bands say: {', '.join(missed)}. One set of "
-        "n, k, σ_N0 and ρ_0 does not describe both polarisations: check the polariser and the "
-        "scale of either, and do not quote n and k.",
-    }[kind]
-    return Diagnostic(
-        name, title, worst.rms_dex, MISFIT_FAIL_DEX, "dex", verdict, statement,
-        "" if verdict == PASS else advice,
+    said = say(
+        "holdout.worst", name=worst.name, rms=worst.rms_dex, percent=100.0 * worst.coverage_90,
+        width=worst.width_dex,
+    )  # fmt: skip
+    missed = ", ".join(c.name for c in cases if judge_holdout(c) != PASS)
+    return judged(
+        code, worst.rms_dex, MISFIT_FAIL_DEX, judge_holdout(worst), n=len(cases), worst=said,
+        missed=missed,
     )  # fmt: skip
 
 
-def judge_prior(found: PriorSensitivity) -> Diagnostic:
+def judge_prior(found: PriorSensitivity) -> Check:
     """Whether the prior decides a physical parameter, or pulls against the readings."""
     rows = list(
         zip(
@@ -240,37 +180,19 @@ def judge_prior(found: PriorSensitivity) -> Diagnostic:
         )
     )  # fmt: skip
     sensitive = [row for row in rows if row[1] > SENSITIVE]
-    dominated = [n for n, _, q, _ in sensitive if q <= SENSITIVE]
-    pulled = [
-        n
-        for n, _, likelihood, away in sensitive
-        if likelihood > SENSITIVE and abs(away) > DISPLACED
+    kinds: dict[str, list[str]] = {"dominated": [], "pulled": [], "shared": []}
+    for name, _, likelihood, away in sensitive:
+        pulled = "pulled" if abs(away) > DISPLACED else "shared"
+        kinds["dominated" if likelihood <= SENSITIVE else pulled].append(name)
+    advice = [
+        say(f"prior_sensitivity.{kind}", names=", ".join(names))
+        for kind, names in kinds.items()
+        if names
     ]
-    shared = [n for n, *_ in sensitive if n not in dominated and n not in pulled]
-    advice = []
-    if dominated:
-        advice.append(
-            f"{', '.join(dominated)}: the prior decides, not the readings. Quote with the prior, "
-            "or add readings that tell (both polarisations, DHR)."
-        )
-    if pulled:
-        advice.append(
-            f"{', '.join(pulled)}: prior and readings pull apart. Check the preset of priors "
-            "against the material, and the readings against their scale."
-        )
-    if shared:
-        advice.append(
-            f"{', '.join(shared)}: prior and readings share the decision. Defend the prior, or fit "
-            "with a wider one and compare."
-        )
+    listed = [say("prior_sensitivity.one", name=n, prior=p, readings=q) for n, p, q, _ in sensitive]
     name, prior, likelihood, _ = max(rows, key=lambda row: row[1])
-    listed = [f"{n} ({p:.2f} against {q:.2f} to the readings)" for n, p, q, _ in sensitive]
-    return Diagnostic(
-        "prior_sensitivity", "Sensitivity to the prior (power scaling)", prior, SENSITIVE, "1",
-        WARN if sensitive else PASS,
-        f"Sensitive to the power of the prior: {', '.join(listed)}."
-        if sensitive
-        else f"No physical parameter is sensitive to the power of the prior: at most {prior:.3f} "
-        f"({name}), against {likelihood:.2f} to that of the readings.",
-        " ".join(advice),
+    said = say("prior_sensitivity.found", listed=", ".join(listed))
+    return judged(
+        "prior_sensitivity", prior, SENSITIVE, WARN if sensitive else PASS, name=name,
+        readings=likelihood, statement=said if sensitive else "", advice=" ".join(advice),
     )  # fmt: skip

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.effects_table import INSTRUMENT_PARAMETERS
 from pbrdf_bayes.errors import DomainError
 from pbrdf_bayes.inference.parameters.table import PHYSICAL
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.measurement import Measurement
-from pbrdf_bayes.model.effects import INSTRUMENT_FIELDS
 from pbrdf_bayes.model.four_parameter import Parameters
 from pbrdf_bayes.physics.geometry import prepare_geometry
 from pbrdf_bayes.physics.scene import NULL
+from pbrdf_bayes.records.summary import LargestDefect, ReciprocitySize
 
 Array = NDArray[np.float64]
 
@@ -28,54 +26,6 @@ _TO_HALF_DEG = 2.0
 _LAST_DEG = 89.5
 _DECIMALS = 4
 """Of ln factor: of pairs that differ by less the first is taken, on the forward side."""
-
-
-@dataclass(frozen=True)
-class LargestDefect:
-    """The pair of measured angles with the largest defect.
-
-    Attributes
-    ----------
-    polarization : {"s", "p", "u"}
-    theta_a_deg, theta_b_deg : float
-        b is negative where it lies on the side of a [deg].
-    factor : float
-        Posterior median of f(a -> b) / f(b -> a), above 1.
-    q05, q95 : float
-    """
-
-    polarization: str
-    theta_a_deg: float
-    theta_b_deg: float
-    factor: float
-    q05: float
-    q95: float
-
-
-@dataclass(frozen=True)
-class ReciprocitySize:
-    """f(a -> b) / f(b -> a) in plane over the posterior; 1 is reciprocal.
-
-    Attributes
-    ----------
-    theta_deg : tuple of float
-        Angles of the table, forward side [deg].
-    factors, q05, q95 : mapping of str to list of list of float
-        Median and 90 % interval [1], a in rows, b in columns: for s and p, or for u alone where
-        every scan is unpolarised.
-    n_draws : int
-        Posterior draws used.
-    largest : LargestDefect or None
-        Over the pairs of angles that were measured in plane, of the polarisations measured; None
-        without any.
-    """
-
-    theta_deg: tuple[float, ...]
-    factors: Mapping[str, list[list[float]]]
-    q05: Mapping[str, list[list[float]]]
-    q95: Mapping[str, list[list[float]]]
-    n_draws: int
-    largest: LargestDefect | None
 
 
 def measure_reciprocity(posterior: Posterior, draws: Array) -> ReciprocitySize | None:
@@ -119,7 +69,7 @@ def of_sample_alone(posterior: Posterior, draws: Array) -> Array:
     """Draws, shape (n_draws, n_par), with the effects of the instrument at their null values."""
     x = draws.copy()
     for column, name in enumerate(posterior.parameter_names):
-        if name in INSTRUMENT_FIELDS:
+        if name in INSTRUMENT_PARAMETERS:
             x[:, column] = getattr(NULL, name)
     return x
 

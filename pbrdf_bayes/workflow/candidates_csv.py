@@ -10,8 +10,6 @@ from pathlib import Path
 from pbrdf_bayes.config import did_you_mean
 from pbrdf_bayes.design.candidates import (
     MOST_READINGS,
-    POLARIZATIONS,
-    QUANTITIES,
     Candidate,
     Costs,
     list_candidates,
@@ -22,6 +20,7 @@ from pbrdf_bayes.errors import ConfigError, DataError
 from pbrdf_bayes.io.csv_table import open_table, read_bytes, refuse
 from pbrdf_bayes.io.problems import Problem, Problems, compose_message, show_cell
 from pbrdf_bayes.measurement import Measurement
+from pbrdf_bayes.quantities import PLANNED, POLARIZATIONS
 from pbrdf_bayes.scenes import spaced
 
 Fault = tuple[str, str]
@@ -250,7 +249,7 @@ def _check_header(path: Path, header: Sequence[str]) -> None:
 def _candidate(
     row: Mapping[str, str], scan: Sequence[float], costs: Costs, port_deg: float
 ) -> Candidate:
-    quantity = _word(row, "quantity", QUANTITIES)
+    quantity = _word(row, "quantity", PLANNED)
     angles = tuple(scan) if quantity == "brdf" else ()
     if any(row.get(name) for name in _RANGE):
         if quantity != "brdf":

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 from pbrdf_bayes.io.tidy_csv import read_samples
 from pbrdf_bayes.measurement import Measurement
-from pbrdf_bayes.readings.checks import check_measurement
+from pbrdf_bayes.readings.checks import check_measurement, find_problems
+from pbrdf_bayes.readings.mistakes import find_mistakes
+from pbrdf_bayes.records.checks import Findings
+from pbrdf_bayes.records.values import plain
 
 _MARK = {"PASS": "ok  ", "WARN": "WARN", "FAIL": "FAIL", "SKIP": "-   "}
 
@@ -37,6 +41,33 @@ def describe_file(path: Path, *, brdf_floor: float = 0.0) -> tuple[str, bool]:
     if content.message and not content.errors:
         blocks.append(content.message)
     return "\n\n".join(blocks), bool(content.measurements) and not content.message
+
+
+def find_in_file(path: Path, *, brdf_floor: float = 0.0) -> tuple[str, str]:
+    """Findings about every usable sample of a tidy CSV, and why others are not usable.
+
+    Parameters
+    ----------
+    path : Path
+    brdf_floor : float
+        Noise-equivalent BRDF [sr^-1].
+
+    Returns
+    -------
+    tuple of str
+        JSON of `pbrdf_bayes.records.checks.Findings`, and a message that may be empty.
+
+    Raises
+    ------
+    DataError
+        When the file as a whole cannot be read.
+    """
+    content = read_samples(path, brdf_floor=brdf_floor)
+    found = tuple(
+        f for m in content.measurements.values() for f in (*find_mistakes(m), *find_problems(m))
+    )
+    text = json.dumps(plain(Findings(findings=found)), indent=1, ensure_ascii=False)
+    return text, content.message
 
 
 def _describe(m: Measurement, said: set[str]) -> str:

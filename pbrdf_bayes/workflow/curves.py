@@ -18,6 +18,7 @@ from pbrdf_bayes.inference.prediction.bands import (
     predict_bands,
     targets_at,
 )
+from pbrdf_bayes.quantities import POLARIZATIONS, S_AND_P
 
 Array = NDArray[np.float64]
 
@@ -36,11 +37,11 @@ def predict_curves(
     wanted = [
         (theta, phi, q)
         for theta, phi in geometries
-        for q in ("s", "p", "u")
-        if q != "u" or (theta, phi, q) in measured
+        for q in POLARIZATIONS
+        if q in S_AND_P or (theta, phi, q) in measured
     ]
     between = posterior.config.predict_theta_i_deg or angles_between([g[0] for g in geometries])
-    wanted += [(theta, 0.0, q) for theta in between for q in ("s", "p")]
+    wanted += [(theta, 0.0, q) for theta in between for q in S_AND_P]
     grid = np.arange(-_CURVE_LIMIT_DEG, _CURVE_LIMIT_DEG + 0.5, _CURVE_STEP_DEG)
     targets = Targets(
         polarization=np.repeat([q for _, _, q in wanted], grid.size),

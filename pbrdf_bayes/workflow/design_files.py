@@ -17,12 +17,12 @@ from pbrdf_bayes.io.run_folder import (
     DESIGN_PAGE,
     PLAN,
     REPORT,
-    finite_only,
     locked,
     refuse_other_content,
     validate_design,
     write_text,
 )
+from pbrdf_bayes.records.values import plain
 from pbrdf_bayes.workflow.candidates_csv import Wanted
 from pbrdf_bayes.workflow.next_measurement import Told, answer, ask
 
@@ -92,7 +92,7 @@ def run_design(request: DesignRequest, told: Told = lambda *_: None) -> dict[str
         source, request.wanted, goals=request.goals, about=request.about, choices=request.choices
     )
     with nullcontext() if out is None else locked(out):
-        design: dict[str, Any] = finite_only(answer(question, told))
+        design: dict[str, Any] = plain(answer(question, told))
         if out is not None:
             _write(design, out)
             if at_home and isinstance(source, Analysis):

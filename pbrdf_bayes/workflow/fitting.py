@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from pbrdf_bayes.analysis import Analysis
 from pbrdf_bayes.config import ACCURACIES, AUTO, RunConfig
 from pbrdf_bayes.inference.effects_choice.choose import choose_effects, time_likelihood
-from pbrdf_bayes.inference.effects_choice.records import EffectsChoice
 from pbrdf_bayes.inference.optimum.laplace import laplace_mixture
 from pbrdf_bayes.inference.optimum.least_squares import fit_least_squares
 from pbrdf_bayes.inference.optimum.map_fit import MapResult, find_map
@@ -49,7 +48,9 @@ from pbrdf_bayes.io.checkpoint import Checkpoints, open_checkpoints, remove_chec
 from pbrdf_bayes.io.config_toml import config_to_toml
 from pbrdf_bayes.io.tidy_csv import read_measurement
 from pbrdf_bayes.measurement import Measurement
-from pbrdf_bayes.readings.checks import DataCheck, check_measurement
+from pbrdf_bayes.readings.checks import check_measurement
+from pbrdf_bayes.records.checks import Check
+from pbrdf_bayes.records.summary import EffectsChoice
 from pbrdf_bayes.report.page import render_report
 from pbrdf_bayes.results import N_BAND_DRAWS
 from pbrdf_bayes.verdicts.applicability import (
@@ -164,7 +165,7 @@ def _chosen_effects(
 
 
 def _fit_posterior(
-    posterior: Posterior, checks: tuple[DataCheck, ...], seed: int, clock: _Clock,
+    posterior: Posterior, checks: tuple[Check, ...], seed: int, clock: _Clock,
     checkpoints: Checkpoints | None = None, choice: EffectsChoice | None = None,
 ) -> Analysis:  # fmt: skip
     config = posterior.config

@@ -155,7 +155,7 @@ def design_next(
         standard error ``eig_se`` [nat], ``eig_per_minute``, ``p_best``, and the expected
         ``sd_ratio`` of parameters and goals, after over before [1]; ``batch``: the best ones
         together; ``recommendation``: text. The content of ``design.json``, see
-        ``pbrdf_bayes/io/design.schema.json``.
+        `pbrdf_bayes.records.design.Design`.
 
     Raises
     ------

@@ -21,6 +21,7 @@ from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.io import run_folder
 from pbrdf_bayes.io.print_pdf import find_browser, print_pdf
 from pbrdf_bayes.measurement import Measurement
+from pbrdf_bayes.records.values import plain
 from pbrdf_bayes.report.page import render_report
 from pbrdf_bayes.specification import Specification
 
@@ -123,7 +124,7 @@ def amend_folder(folder: Path, wanted: Paperwork, *, brief: bool = False) -> Pat
     wanted.check()
     found = load_analysis(folder)
     analysis = complete(found, wanted)
-    if brief and run_folder.finite_only(analysis.summary) == found.summary:
+    if brief and plain(analysis.summary) == found.summary:
         return folder / run_folder.REPORT
     return store(folder, analysis, pdf=wanted.pdf, brief=brief)
 

@@ -19,7 +19,8 @@ from pbrdf_bayes.inference.sampling.ensembles import (
 )
 from pbrdf_bayes.io.checkpoint import Checkpoints, has_checkpoints, remove_checkpoints
 from pbrdf_bayes.io.config_toml import config_table
-from pbrdf_bayes.io.run_folder import finite_only, load_summary, locked, refuse_difference
+from pbrdf_bayes.io.run_folder import load_summary, locked, refuse_difference
+from pbrdf_bayes.records.values import plain
 from pbrdf_bayes.workflow.summary import versions
 
 _DECISIVE = ("pbrdf-bayes", "numpy", "scipy", "numba", "emcee", "nlopt", "arviz-stats")
@@ -36,7 +37,7 @@ def run_identity(posterior: Posterior, seed: int) -> dict[str, Any]:
     posterior : Posterior
     seed : int
     """
-    m, config = posterior.measurement, finite_only(config_table(posterior.config))
+    m, config = posterior.measurement, plain(config_table(posterior.config))
     return {
         "data": m.sha256, "sample": m.sample, "wavelength_um": m.wavelength_um, "seed": seed,
         "parameters": list(posterior.parameter_names),
@@ -126,7 +127,6 @@ def history(checkpoints: Checkpoints, summary: Mapping[str, Any]) -> list[str]:
     """Lines of the log: where the run went on from, and the points that the model rejected."""
     lines = [
         f"{stage}: gone on from step {arrays['z'].shape[1]} of a checkpoint"
-        + " (exploring)" * bool(arrays["exploring"])
         for stage, arrays in checkpoints.found.items()
     ]
     rejected = summary["rejected"]

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pbrdf_bayes.inference.effects_choice.records import EffectsChoice
 from pbrdf_bayes.inference.optimum.map_fit import MapResult
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.prediction.bands import Bands, Targets
@@ -18,12 +17,14 @@ from pbrdf_bayes.inference.prediction.residuals import Residuals
 from pbrdf_bayes.inference.prediction.scan_widths import ScanWidths
 from pbrdf_bayes.inference.sampling.power_scaling import PriorSensitivity
 from pbrdf_bayes.inference.sampling.sampling import Draws
-from pbrdf_bayes.readings.checks import DataCheck
-from pbrdf_bayes.verdict import Diagnostic
-from pbrdf_bayes.verdicts.applicability import Applicability
+from pbrdf_bayes.records.checks import Check
+from pbrdf_bayes.records.summary import (
+    Applicability,
+    DiscrepancySize,
+    EffectsChoice,
+    ReciprocitySize,
+)
 from pbrdf_bayes.verdicts.diagnostics import Identifiability
-from pbrdf_bayes.verdicts.discrepancy_size import DiscrepancySize
-from pbrdf_bayes.verdicts.reciprocity_size import ReciprocitySize
 
 Array = NDArray[np.float64]
 
@@ -34,14 +35,14 @@ class Stages:
 
     posterior: Posterior
     seed: int
-    checks: tuple[DataCheck, ...]
+    checks: tuple[Check, ...]
     optima: MapResult
     draws: Draws
     least_squares: tuple[Array, float]
     residuals: Residuals
     best_dex: Array
     identifiability: Identifiability
-    diagnostics: tuple[Diagnostic, ...]
+    diagnostics: tuple[Check, ...]
     curves: tuple[Targets, NDArray[np.bool_], Bands]
     dhr_curves: tuple[Targets, NDArray[np.bool_], Bands]
     sensitivity: PriorSensitivity

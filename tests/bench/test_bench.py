@@ -15,9 +15,12 @@ import pytest
 from pbrdf_bayes import cli
 from pbrdf_bayes.bench import baselines, closed_form, normalisation, samples, speed
 from pbrdf_bayes.bench.run import DEFAULT_FOLDER
-from pbrdf_bayes.config import EFFECTS, FRESNEL_AT, LINE_SHAPES, RunConfig
+from pbrdf_bayes.config import RunConfig
+from pbrdf_bayes.effects_table import EFFECTS, FRESNEL_AT, LINE_SHAPES
 from pbrdf_bayes.model.simulate import GREEN_PAINT, simulate_measurement
 from pbrdf_bayes.physics.normalisation.plain import incidence, normalisation_integrals, workspace
+
+pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
 BENCHMARKS = ROOT / "tests" / "benchmarks"
@@ -149,7 +152,7 @@ def test_costs_in_the_readme_are_those_of_the_stored_page() -> None:
     ):
         names, *_, cost = line.strip("| ").split(" | ")
         told |= {f"effect {n}": float(cost.split()[0]) for n in re.findall(r"`(\w+)`", names)}
-    for name in LINE_SHAPES[1:]:
+    for name in list(LINE_SHAPES)[1:]:
         cost = re.search(rf"`{name}`(?: costs)?\s(\d+)", text)
         told[f"{name} line shape"] = float(cost[1] if cost else "nan")
     for at in FRESNEL_AT[1:]:

@@ -14,9 +14,8 @@ from pbrdf_bayes import (
     build_posterior,
     simulate_measurement,
 )
-from pbrdf_bayes.config import EFFECTS, LINE_SHAPES
+from pbrdf_bayes.effects_table import EFFECTS
 from pbrdf_bayes.inference.optimum.map_fit import find_map
-from pbrdf_bayes.inference.parameters.effects import EFFECT_PARAMETERS, LINE_SHAPE_PARAMETERS
 from pbrdf_bayes.inference.sampling.mixture import Mixture
 from pbrdf_bayes.inference.sampling.sampling import start_walkers
 
@@ -30,11 +29,6 @@ def measurement():
         GREEN_PAINT, seed=1, theta_i_deg=(20.0, 60.0), theta_r_deg=GRID,
         effects=Effects(lambert=0.02, volume=0.01),
     )  # fmt: skip
-
-
-def test_every_effect_and_line_shape_has_its_parameters():
-    assert set(EFFECT_PARAMETERS) == set(EFFECTS)
-    assert set(LINE_SHAPE_PARAMETERS) == set(LINE_SHAPES)
 
 
 @pytest.mark.parametrize("name", EFFECTS)

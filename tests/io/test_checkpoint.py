@@ -31,7 +31,7 @@ def arrays(size: int = 50) -> dict[str, Any]:
     rng = np.random.default_rng(size)
     return {
         "z": rng.normal(size=(2, size)), "keys": rng.integers(0, 2**32, 624, dtype=np.uint32),
-        "exploring": np.asarray(True), "quick.k_hat": np.asarray(np.inf),
+        "flag": np.asarray(True), "quick.k_hat": np.asarray(np.inf),
         "empty": np.empty((0, 3)),
     }  # fmt: skip
 

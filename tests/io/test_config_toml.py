@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pbrdf_bayes.config import ACCURACIES, LINE_SHAPES, RunConfig
+from pbrdf_bayes.config import ACCURACIES, RunConfig
+from pbrdf_bayes.effects_table import LINE_SHAPES
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.io.config_toml import config_from_table, config_table, config_to_toml, read_config
 from pbrdf_bayes.io.outside import MAX_TEXT_BYTES

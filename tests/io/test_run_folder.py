@@ -29,7 +29,6 @@ from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.io import run_folder
 from pbrdf_bayes.io.locks import GO_ON, only_one_at_a_time
 from pbrdf_bayes.io.run_folder import (
-    finite_only,
     is_finished,
     load_summary,
     locked,
@@ -39,6 +38,7 @@ from pbrdf_bayes.io.run_folder import (
     write_text,
 )
 from pbrdf_bayes.io.safe_names import safe_name
+from pbrdf_bayes.records.values import plain
 from pbrdf_bayes.results import Analysis
 
 FILES = {"summary.json", "posterior.nc", "config.toml", "report.html", "log.txt"}
@@ -559,12 +559,12 @@ def test_names_that_look_alike_do_not_share_a_folder(first: str, second: str) ->
 # ------------------------------------------------------------------------------------ small parts
 
 
-def test_finite_only_leaves_nothing_that_json_lacks() -> None:
+def test_plain_values_leave_nothing_that_json_lacks() -> None:
     value = {
         "nan": np.nan, "inf": [np.inf, -np.inf], "scalar": np.float32(0.5), "int": np.int64(3),
         "flag": np.bool_(True), "text": "x", "none": None, "tuple": (1, np.nan),
     }  # fmt: skip
-    found = finite_only(value)
+    found = plain(value)
     assert json.loads(json.dumps(found, allow_nan=False)) == {
         "nan": None, "inf": [None, None], "scalar": 0.5, "int": 3, "flag": True, "text": "x",
         "none": None, "tuple": [1, None],

@@ -11,7 +11,8 @@ import pytest
 
 import pbrdf_bayes as pb
 from pbrdf_bayes.cli import main
-from pbrdf_bayes.inference.parameters.effects import EFFECT_PARAMETERS, LINE_SHAPE_PARAMETERS
+from pbrdf_bayes.effects_table import EFFECTS, LINE_SHAPES
+from pbrdf_bayes.inference.parameters.effects import effect_spec
 from pbrdf_bayes.model.effects import effects_of_fit
 from pbrdf_bayes.workflow.parameters_json import read_parameters
 
@@ -60,10 +61,14 @@ def test_a_fit_may_end_at_a_strength_of_zero() -> None:
 def test_the_readme_states_the_prior_of_every_parameter() -> None:
     text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
     section = text.split("## Effects")[1].split("\n## ")[0]
+
+    def prior(name: str) -> str:
+        return effect_spec(name).prior.describe()
+
     rows = re.findall(r"^\| `.*\|$", section, re.MULTILINE)
-    for name, specs in EFFECT_PARAMETERS.items():
+    for name, effect in EFFECTS.items():
         row = next(line for line in rows if f"`{name}`" in line.split("|")[1])
         stated = row.split("|")[4].strip()
-        assert stated == "; ".join(dict.fromkeys(spec.prior.describe() for spec in specs)), name
-    for spec in (spec for specs in LINE_SHAPE_PARAMETERS.values() for spec in specs):
-        assert re.search(rf"`{spec.name}`\s(?:has\s)?{re.escape(spec.prior.describe())}", section)
+        assert stated == "; ".join(dict.fromkeys(map(prior, effect.parameters))), name
+    for name in (name for shape in LINE_SHAPES.values() for name in shape.parameters):
+        assert re.search(rf"`{name}`\s(?:has\s)?{re.escape(prior(name))}", section)

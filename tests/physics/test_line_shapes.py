@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mpmath
 import numpy as np
 import pytest
@@ -10,14 +12,23 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 from scipy.special import voigt_profile
 
+from pbrdf_bayes.effects_table import EFFECT_PARAMETERS, LINE_SHAPES
+from pbrdf_bayes.physics.directions import fill_directions
+from pbrdf_bayes.physics.fresnel import surface
 from pbrdf_bayes.physics.lobes.line_shapes import (
     CAUCHY,
     GAUSSIAN,
-    LINE_SHAPES,
     LORENTZIAN,
     VOIGT,
     line_shape,
     log_line_shape,
+)
+from pbrdf_bayes.physics.lobes.shaped import MEAN_SINE, lobe, shaped_log_lobes
+from pbrdf_bayes.physics.normalisation.plain import incidence
+from pbrdf_bayes.physics.normalisation.shaped import (
+    shaped_cumulative,
+    shaped_integrals,
+    shaped_workspace,
 )
 
 mp = mpmath.MPContext()
@@ -40,8 +51,57 @@ def exact_log(code: int, parameter: float, u2: float) -> float:
     return float(-nu * mp.log1p((mp.mpf(2) ** (1 / nu) - 1) * u2_))
 
 
+def cases_of_the_table() -> list[tuple[int, float]]:
+    """Every line shape that is declared, across the range of its parameter."""
+    found = []
+    for code, shape in enumerate(LINE_SHAPES.values()):
+        ends = EFFECT_PARAMETERS[shape.parameter].domain if shape.parameter else (1.0, 1.0)
+        found += [(code, float(v)) for v in np.unique(np.linspace(*ends, 6)[:-1])]
+    return found
+
+
 def test_names_have_the_codes() -> None:
-    assert LINE_SHAPES == {"lorentzian": 0, "gaussian": 1, "voigt": 2, "cauchy": 3}
+    codes = {"lorentzian": LORENTZIAN, "gaussian": GAUSSIAN, "voigt": VOIGT, "cauchy": CAUCHY}
+    assert {name: list(LINE_SHAPES).index(name) for name in codes} == codes
+
+
+@pytest.mark.parametrize(("code", "parameter"), cases_of_the_table())
+def test_every_declared_shape_is_one(code: int, parameter: float) -> None:
+    """1 at the centre, 1/2 at one half width, falling, finite far away, and not the Lorentzian."""
+    shape = line_shape(code, parameter)
+    logs = np.array([log_line_shape(u2, shape) for u2 in U2])
+    assert shape.code == code or parameter in EFFECT_PARAMETERS["eta"].domain
+    assert logs[0] == 0.0
+    assert log_line_shape(1.0, shape) == pytest.approx(-np.log(2.0), abs=1e-13)
+    assert np.all(np.isfinite(logs))
+    assert np.all(np.diff(logs) <= 1e-15)
+    away = abs(log_line_shape(100.0, shape) - log_line_shape(100.0, line_shape(LORENTZIAN, 1.0)))
+    assert (away < 1e-12) == (code == LORENTZIAN)
+
+
+@pytest.mark.parametrize(("code", "parameter"), cases_of_the_table())
+@pytest.mark.parametrize("theta_i", [0.0, 0.7])
+def test_the_quadrature_normalises_every_declared_shape(
+    code: int, parameter: float, theta_i: float, gauss_rule: Any
+) -> None:
+    """Against a product of Gauss rules over the disk, for lobes that are not narrow."""
+    surf, shaped = surface(1.5, 0.2, 0.8, 0.5), lobe(code, parameter, 1.0, MEAN_SINE)
+    work, inc = shaped_workspace(), incidence(theta_i)
+    found = shaped_integrals(
+        inc, surf, shaped, shaped_cumulative(surf, shaped, 9.0, work), 9.0, work
+    )
+    theta, w_theta = gauss_rule(np.linspace(0.0, 0.5 * np.pi, 13), 12)
+    phi, w_phi = gauss_rule(np.linspace(0.0, np.pi, 13), 12)
+    at = np.repeat(theta, phi.size)
+    there = np.empty((8, at.size))
+    fill_directions(np.full(at.size, theta_i), at, np.tile(phi, theta.size), there)
+    weight = 2.0 * np.repeat(w_theta, phi.size) * np.tile(w_phi, theta.size)
+    weight *= np.sin(at) * np.cos(at)
+    total = np.zeros(2)
+    for w, g in zip(weight, there.T, strict=True):
+        along, across = (shaped_log_lobes(*g[i : i + 4], surf, shaped) for i in (0, 4))
+        total += w * np.exp(np.add(along, across[::-1]))
+    np.testing.assert_allclose(found, total, rtol=1e-7)
 
 
 @each_shape

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pbrdf_bayes import GREEN_PAINT, DomainError, Effects, Parameters, brdf, dhr
-from pbrdf_bayes.model.effects import EFFECT_DOMAIN, effects_of_fit, scene_and_columns
+from pbrdf_bayes.effects_table import DIFFUSE, EFFECT_PARAMETERS, FRESNEL_AT, LINE_SHAPES
+from pbrdf_bayes.model.effects import effects_of_fit, scene_and_columns
 from pbrdf_bayes.physics.geometry import prepare_geometry
 from pbrdf_bayes.physics.hemispherical import conserves_energy
 from pbrdf_bayes.physics.scattering import evaluate_with_effects
-from pbrdf_bayes.physics.scene import EffectValues
 
 GRID = np.linspace(-90.0, 90.0, 37)
 
@@ -230,20 +230,20 @@ def test_dhr_rows_at_the_same_angle_are_those_of_their_own_polarisation():
     np.testing.assert_allclose(found[0], expected, rtol=1e-14)
 
 
-ranges = {name: st.floats(*EFFECT_DOMAIN[name]) for name in EffectValues._fields}
+ranges = {name: st.floats(*p.domain) for name, p in EFFECT_PARAMETERS.items()}
 
 
 @given(
     values=st.fixed_dictionaries(ranges),
-    shape=st.sampled_from(["lorentzian", "gaussian", "voigt", "cauchy"]),
-    mean=st.sampled_from(["mean-sine", "geometric-mean", "mean-angle"]),
+    shape=st.sampled_from(list(LINE_SHAPES)),
+    mean=st.sampled_from(FRESNEL_AT),
     lambert=st.booleans(),
     theta_i=st.floats(0.0, 85.0),
 )
 @settings(max_examples=60, deadline=None)
 def test_finite_and_not_negative_everywhere(values, shape, mean, lambert, theta_i):
     values["bulk" if lambert else "lambert"] = 0.0
-    weak = {name: 0.1 * values[name] for name in ("lambert", "bulk", "volume", "backscatter")}
+    weak = {name: 0.1 * values[name] for name in DIFFUSE}
     effects = effects_of_fit({**values, **weak, "line_shape": shape, "fresnel_at": mean})
     for q in "spu":
         found = brdf(GREEN_PAINT, theta_i, GRID, q, effects=effects)

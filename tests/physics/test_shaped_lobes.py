@@ -17,11 +17,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
 
+from pbrdf_bayes.effects_table import FRESNEL_AT, LINE_SHAPES
 from pbrdf_bayes.physics.directions import prepare_directions
 from pbrdf_bayes.physics.fresnel import lobes, reflectances, surface
-from pbrdf_bayes.physics.lobes.line_shapes import CAUCHY, GAUSSIAN, LINE_SHAPES, LORENTZIAN, VOIGT
+from pbrdf_bayes.physics.lobes.line_shapes import CAUCHY, GAUSSIAN, LORENTZIAN, VOIGT
 from pbrdf_bayes.physics.lobes.shaped import (
-    FRESNEL_AT,
     GEOMETRIC_MEAN,
     MEAN_ANGLE,
     MEAN_SINE,
@@ -50,7 +50,8 @@ def points() -> list[Point]:
 
 
 def lobe_of(point: Point) -> Lobe:
-    shape, at = LINE_SHAPES[point["shape"]], FRESNEL_AT[point["fresnel_at"]]
+    shape = list(LINE_SHAPES).index(point["shape"])
+    at = FRESNEL_AT.index(point["fresnel_at"])
     return lobe(shape, point["shape_parameter"], point["narrowing"], at)
 
 

@@ -9,7 +9,6 @@ from dataclasses import replace
 from functools import cache
 from html import unescape
 from html.parser import HTMLParser
-from importlib.resources import files
 from typing import Any
 
 import matplotlib as mpl
@@ -18,6 +17,8 @@ import pytest
 import xarray as xr
 from jsonschema import Draft202012Validator
 
+from pbrdf_bayes.io.schemas import json_schema
+from pbrdf_bayes.records.summary import Summary
 from pbrdf_bayes.report import render_report
 from pbrdf_bayes.report.figures_brdf import evenly, extremes
 from pbrdf_bayes.report.numbers import rounded
@@ -85,7 +86,7 @@ def text_of(html: str) -> str:
 
 @pytest.mark.parametrize("name", ALL)
 def test_synthetic_summaries_follow_the_schema(name: str) -> None:
-    schema = json.loads(files("pbrdf_bayes.io").joinpath("summary.schema.json").read_text("utf-8"))
+    schema = json_schema(Summary)
     Draft202012Validator.check_schema(schema)
     summary = json.loads(json.dumps(analysis(name).summary, allow_nan=False))
     assert [e.message for e in Draft202012Validator(schema).iter_errors(summary)] == []

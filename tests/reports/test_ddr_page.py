@@ -13,6 +13,8 @@ import pytest
 
 import pbrdf_bayes as pb
 
+pytestmark = pytest.mark.slow
+
 FOLDER = Path(__file__).parents[2] / "reports" / "ddr"
 
 

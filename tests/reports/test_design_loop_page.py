@@ -13,6 +13,8 @@ from scipy.stats import chi2
 from tools.validation.design_loop import CANDIDATES, PAINTS
 from tools.validation.loop_page import errors_off
 
+pytestmark = pytest.mark.slow
+
 FOLDER = Path(__file__).parents[2] / "reports" / "design_loop"
 
 

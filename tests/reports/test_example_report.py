@@ -3,11 +3,15 @@
 import importlib.util
 import json
 import re
-from importlib import resources
 from pathlib import Path
 
 import jsonschema
 import pytest
+
+from pbrdf_bayes.io.schemas import json_schema
+from pbrdf_bayes.records.summary import Summary
+
+pytestmark = pytest.mark.slow
 
 FOLDER = Path(__file__).parents[2] / "reports" / "example"
 TRUTH = {"n": 1.526, "k": 0.193, "sigma_n0": 0.4528, "rho0": 0.47}
@@ -56,8 +60,7 @@ def test_the_example_finds_the_paint_it_was_simulated_from(committed):
 
 
 def test_the_summary_follows_the_schema(committed):
-    schema = resources.files("pbrdf_bayes.io").joinpath("summary.schema.json").read_text("utf-8")
-    jsonschema.validate(committed, json.loads(schema))
+    jsonschema.validate(committed, json_schema(Summary))
 
 
 def test_the_committed_files_are_small_and_stand_alone(committed):

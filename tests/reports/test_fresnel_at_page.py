@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 import pbrdf_bayes as pb
-from pbrdf_bayes.config import FRESNEL_AT
+from pbrdf_bayes.effects_table import FRESNEL_AT
 from pbrdf_bayes.errors import DataError
 from pbrdf_bayes.inference.effects_choice.choose import compare_configs
 from pbrdf_bayes.model.simulate import simulate_measurement
+
+pytestmark = pytest.mark.slow
 
 FOLDER = Path(__file__).parents[2] / "reports" / "fresnel_at"
 

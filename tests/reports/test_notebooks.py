@@ -9,6 +9,8 @@ import pytest
 
 import pbrdf_bayes as pb
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 

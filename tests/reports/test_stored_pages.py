@@ -8,6 +8,8 @@ from runpy import run_path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 REPORTS = Path(__file__).parents[2] / "reports"
 SCRIPT = run_path(str(REPORTS / "render.py"))
 REBUILT = {"published_paint"}  # computed anew by its own test

@@ -70,8 +70,6 @@ def test_the_wheel_holds_every_module_and_every_resource(wheel):
     }
     assert here <= packed
     for name in (
-        "io/summary.schema.json",
-        "io/design.schema.json",
         "report/design.html.j2",
         "report/template.html.j2",
         "report/report.css",

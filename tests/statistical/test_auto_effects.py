@@ -16,6 +16,8 @@ import pbrdf_bayes as pb
 from pbrdf_bayes.inference.effects_choice.choose import choose_effects
 from tools.validation.coverage import draw_paint
 
+pytestmark = pytest.mark.slow
+
 NAMES = ("n", "k", "sigma_n0", "rho0")
 COATINGS = {
     "bead-like": (

@@ -7,8 +7,9 @@ import pytest
 
 from tools.validation.design_loop import CANDIDATES, compare
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 def test_promised_information_is_realised() -> None:
     """A new scan and the repeat of one, ten simulated paints drawn from the posterior for each."""
     rows = compare("published", n=10, seed=4, candidates=CANDIDATES[2:4])

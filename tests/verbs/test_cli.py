@@ -16,6 +16,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ import xarray as xr
 import pbrdf_bayes as pb
 from pbrdf_bayes.analysis import load_analysis
 from pbrdf_bayes.cli import build_parser, main
+from pbrdf_bayes.records.checks import Finding
 from pbrdf_bayes.workflow.prediction import COLUMNS
 
 pytestmark = pytest.mark.usefixtures("signals_as_before")
@@ -232,6 +234,26 @@ def test_check_of_a_file_with_an_unusable_sample(
     assert run("check", "some.csv") == 2
     captured = capsys.readouterr().out
     assert all(words in captured for words in wanted)
+
+
+def test_check_prints_its_findings_as_json(
+    small_csv: Path, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["check", str(small_csv), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"findings": []}
+    rows = small_csv.read_text(encoding="utf-8").splitlines()
+    cells = rows[20].split(",")
+    at = rows[0].split(",").index("value")
+    cells[at] = f"{5.0 * float(cells[at]):.6g}"
+    rows[20] = ",".join(cells)
+    (here / "spike.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    assert main(["check", str(here / "spike.csv"), "--json"]) == 0
+    (found,) = json.loads(capsys.readouterr().out)["findings"]
+    assert list(found) == [f.name for f in fields(Finding)]
+    assert (found["code"], found["verdict"], found["lines"]) == ("spikes", "WARN", [21])
+    (here / "empty.csv").write_text("", encoding="utf-8")
+    assert main(["check", str(here / "empty.csv"), "--json"]) == 2
+    assert capsys.readouterr().out == ""
 
 
 def test_check_takes_the_floor_from_the_command_line_or_the_configuration(

@@ -25,6 +25,7 @@ from pbrdf_bayes.verdicts.applicability import (
     list_assumed,
     list_only_bounded,
 )
+from pbrdf_bayes.words import NOT_CONSTANTS, say
 
 
 def judge(rms=0.01, repeatability=0.01, at_bound=None, held_out=0.01, kind="angle", assumed=()):
@@ -47,7 +48,7 @@ def test_three_times_the_repeatability_is_descriptive_only():
     assert judge(rms=0.0299).verdict == "applies"
     found = judge(rms=0.0301)
     assert found.verdict == "descriptive only"
-    assert "not material constants" in found.statement
+    assert NOT_CONSTANTS in found.statement
 
 
 @pytest.mark.parametrize("kind", ["angle", "polarization"])
@@ -85,35 +86,37 @@ def test_a_stated_sigma_that_is_more_than_the_scatter_of_neighbours(measurement,
     plain = replace(measurement.brdf, u_value=np.full(len(measurement.brdf), np.nan))
     inferred = find_repeatability(replace(measurement, brdf=plain), 0.01)
     assert inferred.dex == pytest.approx(0.01)
-    assert inferred.words.startswith("inferred")
+    assert inferred.source == "inferred"
     relative = np.where(np.arange(len(plain)) % 2, 0.05, 0.15)
     told = np.full(len(plain), repeated)
     brdf = replace(plain, u_value=relative * plain.value, repeated=told)
     found = find_repeatability(replace(measurement, brdf=brdf), 0.01)
     assert found.dex == pytest.approx(np.sqrt(np.mean(relative**2)) / np.log(10.0))
-    assert found.words == "stated by the column sigma"
+    assert found.source == "stated"
     small = find_repeatability(replace(measurement, brdf=brdf), 0.5)
     assert small.dex == pytest.approx(0.5)
-    assert small.words.startswith("inferred")
+    assert small.source == "above_stated"
 
 
 def test_the_statement_says_which_repeatability_was_used():
     said = judge(rms=0.5).statement
-    assert "the rms is 0.500 dex where readings repeat to 0.010 dex (stated)" in said
+    for number in ("0.500", "0.010", say("repeats.stated")):
+        assert number in said
 
 
 def test_angles_that_were_not_left_out_are_not_passed_over_in_silence():
     found = judge(kind="polarization")
-    assert found.held_out == "not tested: prediction of angles left out"
-    assert found.caveats == ("Not tested: prediction of angles left out.",)
-    assert found.statement.endswith("for this material. Not tested: prediction of angles left out.")
-    assert "Not tested" in judge(kind="polarization", rms=0.5).statement
-    assert judge().held_out == "angles left out are predicted to 0.010 dex"
+    assert found.held_out == say("applicability.untested", why="")
+    (caveat,) = found.caveats
+    assert caveat.lower() == f"{found.held_out}."
+    assert found.statement.endswith(caveat)
+    assert caveat in judge(kind="polarization", rms=0.5).statement
+    assert judge().held_out == say("applicability.tested", rms=0.01)
     assert judge().caveats == ()
     measurement = simulate_measurement(GREEN_PAINT, seed=1, theta_i_deg=(20.0, 60.0))
-    assert 'holdout = "all" or a higher' in why_no_angle_left_out(measurement, "recipe")
+    assert why_no_angle_left_out(measurement, "recipe") == say("applicability.not_asked")
     one = simulate_measurement(GREEN_PAINT, seed=1, theta_i_deg=(20.0,))
-    assert "two angles of incidence" in why_no_angle_left_out(one, "all")
+    assert why_no_angle_left_out(one, "all") == say("applicability.one_angle")
     assert why_no_angle_left_out(measurement, "all") == ""
 
 
@@ -121,9 +124,7 @@ def test_a_dielectric_has_a_limit_of_k_and_no_value():
     assert list_only_bounded(("sigma_n0",)) == ()
     found = judge(assumed=list_only_bounded(("k",)))
     assert found.verdict == "applies"
-    assert found.caveats == (
-        "k is 0 at the best fit: the readings tell how large it is at most, and no value.",
-    )
+    assert found.caveats == (say("assumed.k_bounded"),)
 
 
 def test_what_was_assumed_is_no_finding():
@@ -138,10 +139,10 @@ def test_what_was_assumed_is_no_finding():
     told = {"k": 0.1, "sigma_n0": 0.1, "rho0": 0.99}
     assumed = list_assumed(specs, priors, told)
     assert assumed == (
-        "n = 1.5 was assumed, not measured.",
-        "k was assumed by its prior, Normal(0.2, 0.01) on [0, 12], rather than measured.",
+        say("assumed.fixed", name="n", value=1.5),
+        say("assumed.prior", name="k", prior="Normal(0.2, 0.01) on [0, 12]"),
     )
     found = judge(assumed=assumed)
     assert found.verdict == "applies"
-    assert found.statement.startswith("Nothing speaks against the model for this material. n = 1.5")
-    assert "n = 1.5 was assumed" in judge(assumed=assumed, rms=0.5).statement
+    assert found.statement == " ".join([say("applicability.applies"), *assumed])
+    assert assumed[0] in judge(assumed=assumed, rms=0.5).statement

@@ -20,9 +20,11 @@ from pbrdf_bayes.analysis import Analysis, load_analysis
 from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.prediction.bands import Targets
-from pbrdf_bayes.io.run_folder import finite_only, save_analysis, validate_summary
+from pbrdf_bayes.io.run_folder import save_analysis, validate_summary
 from pbrdf_bayes.measurement import select_scans
+from pbrdf_bayes.records.values import plain
 from pbrdf_bayes.results import QUANTILES
+from pbrdf_bayes.words import say
 from pbrdf_bayes.workflow.curves import angles_between
 from pbrdf_bayes.workflow.fitting import (
     Observer,
@@ -116,7 +118,7 @@ def test_a_stored_run_has_the_posterior_that_was_fitted(
 
 
 def test_the_summary_validates_and_matches_the_draws(analysis: Analysis) -> None:
-    summary = finite_only(analysis.summary)
+    summary = plain(analysis.summary)
     validate_summary(summary, where="memory")
     assert json.loads(json.dumps(summary, allow_nan=False)) == summary
     assert list(summary["parameters"]) == NAMES
@@ -294,7 +296,7 @@ def test_a_run_that_does_not_converge_is_kept_and_marked(
     summary = provisional.summary
     assert summary["status"] == "not_converged"
     assert summary["verdict"] == "FAIL"
-    assert "did not converge" in summary["headline"]
+    assert summary["headline"] == say("headline.not_converged")
     assert summary["diagnostics"]["ess"]["verdict"] == "FAIL"
     report = pb.render_report(provisional)
     assert "did not converge" in report
@@ -320,13 +322,13 @@ def test_a_fixed_parameter_is_assumed_and_not_identified(measurement: pb.Measure
     summary = pb.fit(measurement, config, seed=1).summary
     n = summary["parameters"]["n"]
     assert (n["kind"], n["identified"], n["sd"]) == ("fixed", False, 0.0)
-    assert np.isnan(n["contraction"])
+    assert n["contraction"] is None
     assert summary["parameters"]["k"]["identified"]
     found = summary["applicability"]
     assert found["verdict"] == "applies"
     assert found["caveats"] == (
-        'Not tested: prediction of angles left out; fit with holdout = "all" or a higher accuracy.',
-        "n = 1.526 was assumed, not measured.",
+        f"Not {say('applicability.untested', why=say('applicability.not_asked'))[4:]}.",
+        say("assumed.fixed", name="n", value=1.526),
     )
 
 

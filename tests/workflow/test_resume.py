@@ -14,7 +14,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,6 @@ import pbrdf_bayes as pb
 from pbrdf_bayes.analysis import load_analysis
 from pbrdf_bayes.cli import main
 from pbrdf_bayes.inference.effects_choice.choose import as_chosen
-from pbrdf_bayes.inference.sampling import sampling
 from pbrdf_bayes.io.checkpoint import read_checkpoint
 from pbrdf_bayes.workflow import resume
 from pbrdf_bayes.workflow.fitting import fit_file
@@ -41,41 +39,32 @@ RESULTS = {"summary.json", "posterior.nc", "config.toml", "report.html", "log.tx
 CHECKPOINT = "checkpoint_sample.npz"
 UNFINISHED = RESULTS | {CHECKPOINT}
 """Of a run that ended at max_steps: it can be gone on with."""
-EXPLORED, KEPT = 150, 100
+KEPT = 100
 CONFIG = f"holdout = false\nn_walkers = 16\nmax_steps = {KEPT}\nthreads = {{}}\n"
 PIECE = 5
 """Steps from one stored state to the next in the processes that are killed."""
 RESTLESS = f"""
 import sys, time
-from pbrdf_bayes.inference.sampling import ensembles, sampling
+from pbrdf_bayes.inference.sampling import ensembles
 from pbrdf_bayes.io import checkpoint
 last = int(sys.argv.pop(1))
 advance = ensembles.advance
 def halting(posterior, state, *others):
-    while state.n_steps + (0 if state.exploring else {EXPLORED}) >= last:
+    while state.n_steps >= last:
         time.sleep(0.05)
     return advance(posterior, state, *others)
 ensembles.advance = halting
 ensembles._steps_of_a_piece = lambda state: {PIECE}
 checkpoint.EVERY_SECONDS = 0.0
-sampling._EXPLORED_STEPS = {EXPLORED}
 sys.argv[0] = "pbrdf-bayes"
 from pbrdf_bayes.cli import run_program
 run_program()
 """
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _explores_less() -> Iterator[None]:
-    """For the time of the tests alone."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sampling, "_EXPLORED_STEPS", EXPLORED)
-        yield
-
-
 @pytest.fixture(scope="module")
 def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with readings on which the sampler explores first, and a configuration."""
+    """A folder with few readings, and a configuration."""
     folder = tmp_path_factory.mktemp("inputs")
     m = pb.simulate_measurement(
         pb.GREEN_PAINT, seed=1, theta_i_deg=(30.0,), theta_r_deg=np.linspace(-60.0, 60.0, 9),
@@ -146,11 +135,11 @@ class Fit:
 
 
 def steps_in(folder: Path) -> int:
-    """Steps of the walk that the checkpoint holds, those of exploring included."""
+    """Steps of the walk that the checkpoint holds."""
     if not (folder / CHECKPOINT).exists():
         return 0
     arrays, _ = read_checkpoint(folder / CHECKPOINT)
-    return arrays["z"].shape[1] + (0 if arrays["exploring"] else EXPLORED)
+    return int(arrays["z"].shape[1])
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +148,7 @@ def killed(inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[int, 
     root = tmp_path_factory.mktemp("killed")
     copies = {}
     for percent in (20, 50, 80):
-        with Fit(inputs, root / "run", (EXPLORED + KEPT) * percent // 100) as fit:
+        with Fit(inputs, root / "run", KEPT * percent // 100) as fit:
             fit.wait()
             assert fit.end(signal.SIGKILL)[0] == -signal.SIGKILL
         copies[percent] = Path(shutil.copytree(root / "run", root / str(percent)))
@@ -187,15 +176,14 @@ def test_a_killed_fit_goes_on_to_the_same_draws(
     """At 50 and 80 % the run had been killed before: any number of interruptions."""
     folder = Path(shutil.copytree(killed[percent], tmp_path / "run"))
     n_steps = steps_in(folder)
-    assert percent / 100 <= n_steps / (EXPLORED + KEPT) < 1.0
+    assert percent / 100 <= n_steps / KEPT < 1.0
     assert not RESULTS & set(contents(folder))
     (folder / ".posterior.nc.abc.part").write_bytes(b"what a killed process was writing")
     assert resumed(inputs, folder) == 3
     assert set(contents(folder)) == UNFINISHED
     assert_same_run(folder, whole)
-    step = n_steps - EXPLORED * (n_steps > EXPLORED)
     log = (folder / "log.txt").read_text(encoding="utf-8")
-    assert f"sample: gone on from step {step} of a checkpoint" in log
+    assert f"sample: gone on from step {n_steps} of a checkpoint" in log
 
 
 def test_sigterm_is_an_interrupt_and_a_second_process_is_refused(

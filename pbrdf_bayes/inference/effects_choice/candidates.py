@@ -5,40 +5,51 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from pbrdf_bayes.config import SAMPLE_EFFECTS, RunConfig
+from pbrdf_bayes.config import RunConfig
+from pbrdf_bayes.effects_table import (
+    ALTERNATIVES,
+    LINE_SHAPES,
+    SAMPLE_EFFECTS,
+    alternatives_in,
+)
 from pbrdf_bayes.measurement import Measurement
+from pbrdf_bayes.words import say
 
 _FEW_CASES = 2
-_OTHER_SHAPES = ("gaussian", "voigt")
+_PAPER_SHAPE = next(iter(LINE_SHAPES))
 
 
 def grown(config: RunConfig) -> Iterator[RunConfig]:
-    """Configurations with one effect of the sample, or the Cauchy line shape, more."""
+    """Configurations with one effect of the sample, or another line shape, more."""
     for name in SAMPLE_EFFECTS:
         effects = (*config.effects, name)
-        if name not in config.effects and not {"lambert", "bulk"} <= set(effects):
+        if name not in config.effects and alternatives_in(effects) is None:
             yield replace(config, effects=effects)
-    if config.line_shape == "lorentzian":
-        yield replace(config, line_shape="cauchy")
+    if config.line_shape == _PAPER_SHAPE:
+        for shape in LINE_SHAPES.values():
+            if shape.name != _PAPER_SHAPE and not shape.after:
+                yield replace(config, line_shape=shape.name)
 
 
 def alternatives(config: RunConfig) -> Iterator[RunConfig]:
-    """The same with Lambertian in place of bulk scatter, or bulk in place of Lambertian."""
-    swapped = {"lambert": "bulk", "bulk": "lambert"}
-    if set(swapped) & set(config.effects):
-        yield replace(config, effects=tuple(swapped.get(name, name) for name in config.effects))
+    """The same with an effect in place of its alternative: Lambertian for bulk, or bulk for it."""
+    for pair in ALTERNATIVES.items():
+        swapped = dict([pair, pair[::-1]])
+        if set(swapped) & set(config.effects):
+            yield replace(config, effects=tuple(swapped.get(name, name) for name in config.effects))
 
 
 def of_other_shapes(config: RunConfig) -> Iterator[RunConfig]:
-    """The same with a Gaussian and with a Voigt line shape.
+    """The same with the line shapes that come after its own: Gaussian and Voigt after Cauchy.
 
     The exponent of the Cauchy shape makes the wings of a lobe lighter or heavier than those of the
     Lorentzian, towards the Gaussian as it grows. Where that gains nothing the wings are
     Lorentzian as far as the readings tell, and the Gaussian and what lies between cannot gain
     either: they are worth their time only where the Cauchy shape has been found better.
     """
-    for shape in _OTHER_SHAPES:
-        yield replace(config, line_shape=shape)
+    for shape in LINE_SHAPES.values():
+        if shape.after == config.line_shape:
+            yield replace(config, line_shape=shape.name)
 
 
 def in_words(config: RunConfig) -> str:
@@ -64,11 +75,5 @@ def caution(n_cases: int) -> str:
     ''
     """
     if not n_cases:
-        return "The choice has no statistics behind it: nothing could be left out."
-    if n_cases > _FEW_CASES:
-        return ""
-    return (
-        f"The choice has almost no statistics behind it: only {n_cases} cases could be left out, "
-        "and only an effect that gains about the same in each could have been told from chance. "
-        "Scans at more angles of incidence would help."
-    )
+        return say("effects.no_statistics")
+    return say("effects.few", n=n_cases) if n_cases <= _FEW_CASES else ""

@@ -36,7 +36,6 @@ from pbrdf_bayes.inference.effects_choice.candidates import (
     nothing_left_out,
     of_other_shapes,
 )
-from pbrdf_bayes.inference.effects_choice.records import EffectsChoice, Scored
 from pbrdf_bayes.inference.optimum.bounds import at_bound
 from pbrdf_bayes.inference.optimum.map_fit import climb, coordinate_bounds, find_map
 from pbrdf_bayes.inference.parameters.effects import with_own_priors
@@ -47,6 +46,8 @@ from pbrdf_bayes.inference.prediction.holdout_cases import Case, list_cases
 from pbrdf_bayes.inference.prediction.residuals import calibrated_residuals
 from pbrdf_bayes.inference.prior_support import possible_samples
 from pbrdf_bayes.measurement import Measurement, select_scans
+from pbrdf_bayes.records.summary import EffectsChoice, Scored
+from pbrdf_bayes.words import say
 
 Array = NDArray[np.float64]
 
@@ -103,7 +104,7 @@ def choose_effects(
     base = as_chosen(measurement, config, effects=(), line_shape=config.line_shape)
     parameter_specs(measurement, base)  # refuses priors of what there is not
     if not cases:
-        words = f"{nothing_left_out(measurement)}: nothing could be left out, nothing is added."
+        words = say("effects.nothing_left_out", why=nothing_left_out(measurement))
         return base, EffectsChoice((), (), words, caution(0))
     start = replace(base, priors={**config.priors, **base.priors})  # those of effects to be tried
     tried, accepted = _grow(measurement, start, cases, seed, told)
@@ -365,12 +366,12 @@ def _score(tried: _Tried, best: _Tried, *, chosen: bool) -> Scored:
 def _statement(chosen: _Tried, base: _Tried, asked: RunConfig) -> str:
     held = ""
     if "n" in chosen.config.priors and "n" not in asked.priors:
-        held = f" n is held at {TYPICAL_N}: without s and p scans or DHR it is not identified."
+        held = say("effects.held", n=TYPICAL_N)
     if chosen is base:
-        return f"Nothing beyond {in_words(base.config)} predicts readings left out better.{held}"
+        return say("effects.none", base=in_words(base.config), held=held)
     change = 1.0 - np.exp(chosen.score - base.score)
     share = "more than 99" if change > 0.99 else f"{100 * change:.0f}"
-    return (
-        f"{in_words(chosen.config)}: errors of prediction are {share} % smaller than "
-        f"with {in_words(base.config)}.{held}"
-    )
+    return say(
+        "effects.best", model=in_words(chosen.config), percent=share, base=in_words(base.config),
+        held=held,
+    )  # fmt: skip

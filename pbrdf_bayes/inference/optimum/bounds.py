@@ -16,9 +16,6 @@ from pbrdf_bayes.verdict import (
     BOUND_QUANTILE,
     BOUND_REACH,
     BOUND_SHARE_WARN,
-    FAIL,
-    PASS,
-    Diagnostic,
 )
 
 Array = NDArray[np.float64]
@@ -75,44 +72,6 @@ def share_at_bound(spec: ParameterSpec, values: Array) -> float:
     at_low = 0.0 if begins else float(np.mean(values < low))
     at_high = float(np.mean(values > high)) if prior.high - mean <= reach else 0.0
     return max(at_low, at_high)
-
-
-_DIELECTRIC = " k is at 0, a dielectric as far as the readings tell; that is no bound."
-
-
-def judge_bounds(
-    shares: Mapping[str, float], optimum_at: Sequence[str], null_at: Sequence[str]
-) -> Diagnostic:
-    """Verdict on the bounds of the physical parameters.
-
-    Parameters
-    ----------
-    shares : mapping of str to float
-        Posterior probability at the bound, by parameter.
-    optimum_at, null_at : sequence of str
-        Parameters that an optimum has on a bound, and at their null value. k = 0 is a material
-        without absorption, the end of what is possible and not of what the prior allows.
-    """
-    active = pressed(shares, optimum_at)
-    null = _DIELECTRIC * ("k" in null_at)
-    words = {
-        name: f"{name} ({'an optimum is there, and ' * (name in optimum_at)}"
-        f"{100.0 * shares[name]:.0f} % of the draws in the last per cent of its prior)"
-        for name in active
-    }
-    name, share = max(shares.items(), key=lambda item: item[1])
-    most = f" (at most {100.0 * share:.0f} % of the draws, of {name})" if share >= 0.005 else ""
-    return Diagnostic(
-        "bounds", "Parameters at a bound", float(len(active)), 0.0, "1", FAIL if active else PASS,
-        (
-            f"At the bound of its prior: {', '.join(words.values())}."
-            if active
-            else f"No physical parameter is pressed against the bound of its prior{most}."
-        )
-        + null,
-        "The optimum lies outside what the prior allows: the model is used as a description "
-        "only, and the parameter is not a material constant." if active else "",
-    )  # fmt: skip
 
 
 def pressed(shares: Mapping[str, float], optimum_at: Sequence[str]) -> tuple[str, ...]:

@@ -16,9 +16,10 @@ from pbrdf_bayes.inference.parameters.prior_density import Prior
 from pbrdf_bayes.inference.parameters.priors import NOISE_PRIORS, PRESETS, prior_from_table
 from pbrdf_bayes.inference.parameters.spec import ParameterSpec
 from pbrdf_bayes.measurement import Measurement
+from pbrdf_bayes.quantities import STATES
+from pbrdf_bayes.records.summary import PHYSICAL as PHYSICAL
 
 Array = NDArray[np.float64]
-PHYSICAL = ("n", "k", "sigma_n0", "rho0")
 DISCREPANCY = ("tau", "ell_deg")
 """Amplitude and length of the correlated misfit; a flat prior of either would replace the model."""
 
@@ -30,7 +31,6 @@ _PHYSICAL = {
     "rho0": ("ρ_0", "roughness: half width (HWHM) of the lobe at normal incidence", True),
 }
 _LONGEST_BOUND_DEG = 40.0
-_POLARIZATION_WORDS = {"s": "s-polarised", "p": "p-polarised", "u": "unpolarised"}
 
 
 def parameter_specs(measurement: Measurement, config: RunConfig) -> tuple[ParameterSpec, ...]:
@@ -54,10 +54,10 @@ def parameter_specs(measurement: Measurement, config: RunConfig) -> tuple[Parame
     specs += [
         ParameterSpec(
             name=f"s_rel_{q}", symbol=f"s_{q}", unit="1", kind="nuisance", log_coordinate=True,
-            description=f"relative white noise of {word} BRDF readings",
+            description=f"relative white noise of {state.adjective} BRDF readings",
             prior=NOISE_PRIORS["s_rel"],
         )
-        for q, word in _POLARIZATION_WORDS.items() if q in present
+        for q, state in STATES.items() if q in present
     ]  # fmt: skip
     if config.noise == "correlated" and measurement.scans:
         specs += [

@@ -21,7 +21,9 @@ from pbrdf_bayes.inference.sampling.mixture import Mixture
 from pbrdf_bayes.inference.sampling.sampling import sample_posterior
 from pbrdf_bayes.measurement import Measurement, Scan, select_scans
 from pbrdf_bayes.physics.geometry import Geometry, prepare_geometry
+from pbrdf_bayes.records.summary import HeldOutScan
 from pbrdf_bayes.results import QUANTILES
+from pbrdf_bayes.words import counted, say
 
 Array = NDArray[np.float64]
 
@@ -51,8 +53,8 @@ class Holdout:
         Of log10(measured/predicted median), readings weighted down as they come near the floor;
         of the 90 % predictive band; its mean width. Where the scale of a scan is free, its median
         is brought onto its readings first.
-    scans : tuple of dict
-        The same three figures for each scan left out, with its ``label``.
+    scans : tuple of HeldOutScan
+        The same three figures for each scan left out.
     kind : {"recipe", "angle", "polarization"}
     name : str
         What was left out, or what was fitted where that is less.
@@ -70,7 +72,7 @@ class Holdout:
     rms_dex: float
     coverage_90: float
     width_dex: float
-    scans: tuple[dict[str, float | str], ...]
+    scans: tuple[HeldOutScan, ...]
     kind: str = "recipe"
     name: str = ""
     expected_dex: float = float("nan")
@@ -137,11 +139,9 @@ def run_holdout(
     shapes = "the shapes of " if config.brdf_scale == "relative" else ""
     return replace(
         found, name=f"scan {label}", fitted=f"DHR and the scan {label}",
-        statement=(
-            f"Fitted to DHR and the scan {label} alone, the model predicts {shapes}{n} other "
-            f"scan{'s' * (n != 1)} within {found.rms_dex:.3f} dex rms; "
-            f"{100 * found.coverage_90:.0f} % of their readings lie inside the 90 % predictive "
-            f"band, {found.width_dex:.3f} dex wide."
+        statement=say(
+            "holdout.recipe", label=label, shapes=shapes, scans=counted(n, "other scan"),
+            rms=found.rms_dex, percent=100.0 * found.coverage_90, width=found.width_dex,
         ),
     )  # fmt: skip
 
@@ -282,16 +282,14 @@ def _score(left_out: Measurement, band: Array, weight: Array, inside: Array) -> 
     error = np.log10(value / band[:, 2])
     width = np.log10(band[:, 4] / band[:, 0])
 
-    def figures(rows: slice) -> dict[str, float | str]:
+    def figures(label: str, rows: slice) -> HeldOutScan:
         share = weight[rows].sum()
         square = np.sum(weight[rows] * error[rows] ** 2) / share if share > 0.0 else np.nan
-        return {
-            "rms_dex": float(np.sqrt(square)),
-            "coverage_90": float(np.mean(inside[rows])),
-            "width_dex": float(np.mean(width[rows])),
-        }
+        return HeldOutScan(
+            label, float(np.sqrt(square)), float(np.mean(inside[rows])), float(np.mean(width[rows]))
+        )
 
-    everything = figures(slice(None))
+    everything = figures("all", slice(None))
     label = np.concatenate([np.full(len(scan), scan.label) for scan in left_out.scans])
     return Holdout(
         fitted="",
@@ -300,8 +298,8 @@ def _score(left_out: Measurement, band: Array, weight: Array, inside: Array) -> 
         theta_r_deg=left_out.brdf.theta_r_deg,
         value=left_out.brdf.value,
         predictive_band=band,
-        rms_dex=float(everything["rms_dex"]),
-        coverage_90=float(everything["coverage_90"]),
-        width_dex=float(everything["width_dex"]),
-        scans=tuple({"label": scan.label, **figures(scan.rows)} for scan in left_out.scans),
+        rms_dex=everything.rms_dex,
+        coverage_90=everything.coverage_90,
+        width_dex=everything.width_dex,
+        scans=tuple(figures(scan.label, scan.rows) for scan in left_out.scans),
     )

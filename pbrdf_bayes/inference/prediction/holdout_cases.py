@@ -27,6 +27,7 @@ from pbrdf_bayes.inference.prediction.holdout import (
 )
 from pbrdf_bayes.inference.sampling.sampling import sample_posterior
 from pbrdf_bayes.measurement import Measurement, select_scans
+from pbrdf_bayes.words import say
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -90,8 +91,8 @@ def list_cases(measurement: Measurement) -> tuple[Case, ...]:
 def why_no_angle_left_out(measurement: Measurement, wanted: str) -> str:
     """Reason or remedy, to follow "not tested", of a run with this ``holdout``; may be empty."""
     if not any(case.kind == "angle" for case in list_cases(measurement)):
-        return ": that takes BRDF scans at two angles of incidence or more"
-    return "" if wanted == "all" else '; fit with holdout = "all" or a higher accuracy'
+        return say("applicability.one_angle")
+    return "" if wanted == "all" else say("applicability.not_asked")
 
 
 def run_cases(
@@ -133,10 +134,9 @@ def _run_case(whole: Posterior, best: Array, case: Case, seed: int) -> Holdout:
     found = score_prediction(posterior, picked, left_out, np.random.default_rng([seed, 11]))
     return replace(
         found, kind=case.kind, name=case.name, fitted=case.fitted,
-        statement=(
-            f"Fitted to {case.fitted}, the model predicts {case.name} within "
-            f"{found.rms_dex:.3f} dex rms; {100 * found.coverage_90:.0f} % of the readings lie "
-            f"inside the 90 % predictive band, {found.width_dex:.3f} dex wide."
+        statement=say(
+            "holdout.case", fitted=case.fitted, name=case.name, rms=found.rms_dex,
+            percent=100.0 * found.coverage_90, width=found.width_dex,
         ),
     )  # fmt: skip
 

@@ -29,6 +29,7 @@ from pbrdf_bayes.inference.prediction.conditionals import (
 from pbrdf_bayes.inference.sampling.importance import k_hat_limit
 from pbrdf_bayes.inference.sampling.mixture import Mixture, fit_mixture
 from pbrdf_bayes.inference.sampling.pareto import leave_one_out, smooth_weights
+from pbrdf_bayes.records.summary import Influential, ScanPit
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -75,33 +76,6 @@ class Pointwise:
     def pit(self) -> Array:
         """Probability integral transform, in [0, 1]."""
         return np.asarray(ndtr(self.z))
-
-
-@dataclass(frozen=True)
-class Influential:
-    """One reading among those that sway the posterior most, or are farthest from the others.
-
-    ``label`` is that of the scan (or of the DHR polarisation), ``angle_deg`` theta_r (theta_i of a
-    DHR reading), ``row`` its line in the file.
-    """
-
-    label: str
-    angle_deg: float
-    row: int
-    k_hat: float
-    z: float
-
-
-@dataclass(frozen=True)
-class ScanPit:
-    """PIT of one scan: Kolmogorov distance from uniform, its p-value, mean and sd of ``z``."""
-
-    label: str
-    n: int
-    distance: float
-    p_value: float
-    mean: float
-    sd: float
 
 
 @dataclass(frozen=True, eq=False)

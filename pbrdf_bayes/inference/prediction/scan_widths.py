@@ -35,10 +35,12 @@ from pbrdf_bayes.inference.prediction.residuals import (
     lag1_of,
     row_weights,
 )
-from pbrdf_bayes.measurement import POLARIZATIONS, Scan
+from pbrdf_bayes.measurement import Scan
 from pbrdf_bayes.model.four_parameter import DOMAIN
 from pbrdf_bayes.physics.brdf import TINY, evaluate
 from pbrdf_bayes.physics.geometry import prepare_geometry
+from pbrdf_bayes.quantities import POLARIZATIONS
+from pbrdf_bayes.records.summary import ScanWidth
 from pbrdf_bayes.results import QUANTILES
 
 Array = NDArray[np.float64]
@@ -52,43 +54,6 @@ _COARSE, _FINE, _ZOOMS = 48, 11, 3
 _DIGITS = 8.0
 _CELLS = 400
 """Readings closer than a 400th of a scan count as one place of the discrepancy."""
-
-
-@dataclass(frozen=True)
-class ScanWidth:
-    """The width that one scan asks for.
-
-    Attributes
-    ----------
-    label, polarization : str
-    theta_i_deg : float
-        [deg].
-    rho0, u_rho0 : float
-        Own width at normal incidence and its standard error, in direction cosine [1]; NaN where
-        the scan has too few readings or no width inside the model's domain fits it best.
-    rho, u_rho : float
-        The same at the specular direction [1]; of an unpolarised scan the mean of s and p.
-    rho_model : float
-        Eq. (5) there with the parameters of the MAP [1].
-    scale : float
-        Own scale over that of the model [1].
-    lag1 : float
-        Correlation of neighbouring residuals [1].
-    n : int
-        Readings that took part.
-    """
-
-    label: str
-    polarization: str
-    theta_i_deg: float
-    rho0: float
-    u_rho0: float
-    rho: float
-    u_rho: float
-    rho_model: float
-    scale: float
-    lag1: float
-    n: int
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,8 +34,6 @@ class SamplerState:
 
     Attributes
     ----------
-    exploring : bool
-        The walk is the one to which the proposal is fitted, not the one that is kept.
     mixture : Mixture
         Fixed proposal of the independence move.
     quick : ImportanceDraws
@@ -60,7 +58,6 @@ class SamplerState:
         Time this took so far, in all processes; for display only.
     """
 
-    exploring: bool
     mixture: Mixture
     quick: ImportanceDraws
     starts: Array
@@ -94,7 +91,7 @@ class Checkpoint:
 
 def begin(
     starts: Sequence[Array], seeds: Sequence[int], mixture: Mixture, quick: ImportanceDraws,
-    *, exploring: bool, rejected: Rejected,
+    *, rejected: Rejected,
 ) -> SamplerState:  # fmt: skip
     """The state of ensembles that have not moved yet.
 
@@ -104,14 +101,14 @@ def begin(
         Walkers of each ensemble, in the coordinates z.
     seeds : sequence of int
         One for each ensemble.
-    mixture, quick, exploring, rejected
+    mixture, quick, rejected
         As in `SamplerState`.
     """
     places = np.array(starts)
     n_ensembles, n_walkers, n_par = places.shape
     random: list[Any] = [np.random.RandomState(seed).get_state() for seed in seeds]
     return SamplerState(
-        exploring=exploring, mixture=mixture,
+        mixture=mixture,
         quick=replace(quick, z=quick.z[:0], log_prob=quick.log_prob[:0]), starts=places,
         z=np.empty((n_ensembles, 0, n_walkers, n_par)),
         log_prob=np.empty((n_ensembles, 0, n_walkers)),

@@ -24,6 +24,13 @@ _COMPONENTS = 6
 _FIRST_WIDENING = 1.5
 _FEWEST_EFFECTIVE = 25.0
 OPTIMA_SHARE = 0.1
+_REFINEMENTS = 2
+_REFINING_SIZE = 8_000
+_REFINED_COMPONENTS = 12
+_PARTICLE_SHARE = 0.3
+_ALIKE_MEANS = 0.5
+"""Standard deviations."""
+_ALIKE_WIDTHS = 0.6, 1.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +122,57 @@ def adapt_mixture(
         lone = len(start.weights) == 1
         proposals.append(fitted if lone else fitted.joined(proposals[0], OPTIMA_SHARE))
     return proposals[-1]
+
+
+def refine_mixture(posterior: Posterior, start: Mixture, particles: Array, *, seed: int) -> Mixture:
+    """Fit the mixture anew to weighted draws of itself, beside particles of the posterior.
+
+    The particles stay in every fit with a share of the weight, so that no arm of the posterior is
+    lost which the proposals have not met yet.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    start : Mixture
+        Fitted to the particles.
+    particles : ndarray, shape (n_particles, n_free)
+        Coordinates z.
+    seed : int
+
+    Returns
+    -------
+    Mixture
+    """
+    rng = np.random.default_rng([seed, 10])
+    mixture = start
+    kept = np.full(len(particles), _PARTICLE_SHARE / len(particles))
+    for _ in range(_REFINEMENTS):
+        z = mixture.sample(rng, _REFINING_SIZE)
+        log_prob = posterior.log_prob_coordinates(z)
+        inside = np.isfinite(log_prob)
+        if not inside.any():
+            return start
+        log_weights = log_prob[inside] - mixture.log_density(z[inside])
+        weights, _ = tempered_weights(log_weights, _FEWEST_EFFECTIVE * z.shape[1])
+        both = np.concatenate([(1.0 - _PARTICLE_SHARE) * weights, kept])
+        points = np.concatenate([z[inside], particles])
+        mixture = fit_mixture(points, both, _REFINED_COMPONENTS, rng)
+    return mixture
+
+
+def agrees_with(draws: ImportanceDraws, particles: Array) -> bool:
+    """Tell whether draws and particles have alike means and widths.
+
+    Weights look good where a proposal misses an arm of the posterior; particles that came from the
+    prior have met it.
+    """
+    if not len(draws.z):
+        return False
+    sd = particles.std(axis=0)
+    apart = np.abs(draws.z.mean(axis=0) - particles.mean(axis=0)) / sd
+    ratio = draws.z.std(axis=0) / sd
+    low, high = _ALIKE_WIDTHS
+    return bool((apart < _ALIKE_MEANS).all() and (ratio > low).all() and (ratio < high).all())
 
 
 def effective_size(log_weights: Array, power: float = 1.0) -> float:

@@ -44,19 +44,3 @@ def choose_moves(mixture: Mixture, quick: ImportanceDraws) -> tuple[Moves, str]:
 def covers(quick: ImportanceDraws) -> bool:
     """The mixture is a good proposal: light tails of the weights and many effective draws."""
     return quick.k_hat < _INDEPENDENCE_K_HAT and quick.ess > _INDEPENDENCE_ESS * quick.n_evaluations
-
-
-class _KernelMove(emcee.moves.KDEMove):  # type: ignore[misc]
-    """Proposes from a kernel estimate of the other walkers; none where they span no volume."""
-
-    def get_proposal(self, s: Array, c: list[Array], random: object) -> tuple[Array, Array]:
-        try:
-            proposed, factors = super().get_proposal(s, c, random)
-        except np.linalg.LinAlgError:
-            return s, np.zeros(len(s))
-        return proposed, factors
-
-
-def exploring_moves() -> Moves:
-    """Moves of a walk that is thrown away."""
-    return [(_KernelMove(), 0.5), (emcee.moves.DEMove(), 0.5)]

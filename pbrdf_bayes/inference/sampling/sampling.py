@@ -15,7 +15,7 @@ from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.inference import arviz_adapter
 from pbrdf_bayes.inference.optimum.map_fit import coordinate_bounds
 from pbrdf_bayes.inference.posterior import Posterior
-from pbrdf_bayes.inference.rejected import Rejected, together
+from pbrdf_bayes.inference.rejected import Rejected
 from pbrdf_bayes.inference.sampling.ensembles import (
     Checkpoint,
     Moves,
@@ -28,11 +28,13 @@ from pbrdf_bayes.inference.sampling.importance import (
     OPTIMA_SHARE,
     ImportanceDraws,
     adapt_mixture,
+    agrees_with,
     importance_sample,
+    refine_mixture,
 )
 from pbrdf_bayes.inference.sampling.mixture import Mixture, fit_mixture
-from pbrdf_bayes.inference.sampling.moves import choose_moves, covers, exploring_moves
-from pbrdf_bayes.verdict import K_HAT_LIMIT
+from pbrdf_bayes.inference.sampling.moves import choose_moves
+from pbrdf_bayes.inference.sampling.tempered import tempered_particles
 
 Array = NDArray[np.float64]
 
@@ -48,8 +50,10 @@ _KEPT_DRAWS = 20_000
 _PSIS_PROPOSALS = 8_000
 _PSIS_DRAWS = 4_000
 _PSIS_CHAINS = 4
-_EXPLORED_STEPS = 400
-_EXPLORED_COMPONENTS = 8
+_TEMPERED_COMPONENTS = 10
+_ATTEMPTS = 2
+_AGREED_SHARE = 0.05
+"""Effective share of the proposals that is enough where particles from the prior confirm them."""
 
 
 @dataclass(frozen=True)
@@ -153,31 +157,49 @@ def sample_posterior(
         ``converged`` is False when the budget of steps ran out first.
     """
     checkpoint = checkpoint or Checkpoint()
-    state, n_optima = checkpoint.found, len(mixture.weights)
-    if state is None:
-        mixture = adapt_mixture(posterior, mixture, seed=seed)
-        quick = _try_importance(posterior, mixture, seed)
-        if method == "psis" and quick.usable(config.ess_target, least_share):
-            return _from_importance(posterior, quick)
+    state = checkpoint.found
     with threadpool_limits(limits=1, user_api="blas"):
         if state is None:
-            state = _start_ensembles(posterior, mixture, quick, config, seed, method)
-        if state.exploring:
-            state, quick = _explore(posterior, state, config, seed, checkpoint, n_optima)
-            if method == "psis" and quick.usable(config.ess_target, least_share):
-                return _from_importance(posterior, quick)
+            proposal = _find_proposal(posterior, mixture, config, seed, least_share)
+            if method == "psis" and proposal.usable:
+                return _from_importance(posterior, proposal.quick)
+            state = _start_ensembles(posterior, proposal, config, seed)
         return _run_ensembles(posterior, state, config, progress, checkpoint)
 
 
-def _better_proposal(
-    posterior: Posterior, explored: Mixture, seed: int
-) -> tuple[Mixture, ImportanceDraws]:
-    """The proposal fitted to a walk, or adapted from it, whichever has the lighter tails."""
-    tried = [(explored, _try_importance(posterior, explored, seed))]
-    if not tried[0][1].k_hat < K_HAT_LIMIT:
-        adapted = adapt_mixture(posterior, explored, seed=seed + 1)
-        tried.append((adapted, _try_importance(posterior, adapted, seed)))
-    return min(tried, key=lambda pair: pair[1].k_hat)
+@dataclass(frozen=True, eq=False)
+class _Proposal:
+    """A mixture that covers the posterior, how well, and whether its draws may be used."""
+
+    mixture: Mixture
+    quick: ImportanceDraws
+    usable: bool
+
+
+def _find_proposal(
+    posterior: Posterior, laplace: Mixture, config: RunConfig, seed: int, least_share: float
+) -> _Proposal:
+    """The mixture adapted from the optima or, where that is poor, fitted to tempered particles.
+
+    That one keeps the components of several optima: particles may have left a mode too soon.
+    """
+    mixture = adapt_mixture(posterior, laplace, seed=seed)
+    quick = _try_importance(posterior, mixture, seed)
+    if quick.usable(config.ess_target, least_share):
+        return _Proposal(mixture, quick, True)
+    particles = tempered_particles(posterior, seed=seed, threads=config.threads)
+    rng = np.random.default_rng([seed, 9])
+    even = np.full(len(particles), 1.0 / len(particles))
+    mixture = fit_mixture(particles, even, _TEMPERED_COMPONENTS, rng)
+    for attempt in range(_ATTEMPTS):
+        mixture = refine_mixture(posterior, mixture, particles, seed=seed + attempt)
+        if len(laplace.weights) > 1:
+            mixture = mixture.joined(laplace, OPTIMA_SHARE)
+        quick = _try_importance(posterior, mixture, seed)
+        share = min(least_share, _AGREED_SHARE) if agrees_with(quick, particles) else least_share
+        if quick.usable(config.ess_target, share):
+            return _Proposal(mixture, quick, True)
+    return _Proposal(mixture, quick, False)
 
 
 def _try_importance(posterior: Posterior, mixture: Mixture, seed: int) -> ImportanceDraws:
@@ -205,51 +227,17 @@ def _from_importance(posterior: Posterior, quick: ImportanceDraws) -> Draws:
 
 
 def _start_ensembles(
-    posterior: Posterior, mixture: Mixture, quick: ImportanceDraws, config: RunConfig, seed: int,
-    method: str,
-) -> SamplerState:  # fmt: skip
-    """Over-dispersed walkers of every ensemble; they explore first where the proposal is poor."""
-    exploring = method == "psis" or not covers(quick)
+    posterior: Posterior, proposal: _Proposal, config: RunConfig, seed: int
+) -> SamplerState:
+    """Over-dispersed walkers of every ensemble."""
     seeds = _ensemble_seeds(config, seed)
     n_walkers = max(config.n_walkers, 2 * ceil(_FEWEST_WALKERS * posterior.free.size / 2))
-    starts = [start_walkers(posterior, mixture, n_walkers, s) for s in seeds]
-    return begin(
-        starts, _ensemble_seeds(config, seed + 1) if exploring else seeds, mixture, quick,
-        exploring=exploring, rejected=quick.rejected,
-    )  # fmt: skip
+    starts = [start_walkers(posterior, proposal.mixture, n_walkers, s) for s in seeds]
+    return begin(starts, seeds, proposal.mixture, proposal.quick, rejected=proposal.quick.rejected)
 
 
 def _ensemble_seeds(config: RunConfig, seed: int) -> list[int]:
     return [int(s) for s in np.random.SeedSequence(seed).generate_state(config.n_ensembles)]
-
-
-def _explore(
-    posterior: Posterior, state: SamplerState, config: RunConfig, seed: int,
-    checkpoint: Checkpoint, n_optima: int,
-) -> tuple[SamplerState, ImportanceDraws]:  # fmt: skip
-    """Let the ensembles find the shape of the posterior, and fit the proposal to their walk.
-
-    The walk itself is thrown away; from its last places the ensembles go on with a proposal that
-    changes no more.
-    """
-    state = walk_to(
-        posterior, state, exploring_moves, _EXPLORED_STEPS,
-        threads=config.threads, checkpoint=checkpoint,
-    )  # fmt: skip
-    checkpoint.keep(state, True)
-    z = state.z[:, _EXPLORED_STEPS // 2 :].reshape(-1, posterior.free.size)
-    rng = np.random.default_rng([seed, 9])
-    mixture = fit_mixture(z, np.full(len(z), 1.0 / len(z)), _EXPLORED_COMPONENTS, rng)
-    if n_optima > 1:  # a walk may have left a mode too soon
-        mixture = mixture.joined(state.mixture, OPTIMA_SHARE)
-    mixture, quick = _better_proposal(posterior, mixture, seed)
-    quick = replace(quick, rejected=together(state.rejected, quick.rejected))
-    state = begin(
-        list(state.z[:, -1]), _ensemble_seeds(config, seed), mixture, quick,
-        exploring=False, rejected=quick.rejected,
-    )  # fmt: skip
-    checkpoint.keep(state, True)
-    return state, quick
 
 
 def _run_ensembles(

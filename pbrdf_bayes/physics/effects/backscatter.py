@@ -28,6 +28,12 @@ def backscatter_brdf(cos_g: float, height: float, width: float) -> float:
 
 
 @compiled()
+def backscatter_pole(width: float) -> float:
+    """The cosine of the phase angle, beyond 1, at which the peak is singular."""
+    return (1.0 + width * width) / (1.0 - width * width)
+
+
+@compiled()
 def backscatter_dhr(theta_i: float, height: float, width: float) -> float:
     """DHR [1] at the angle of incidence [rad]."""
     theta, weight = polar_nodes(theta_i, width)

@@ -34,6 +34,12 @@ def volume_brdf(cosine_i: float, cosine_r: float, cos_g: float, strength: float,
 
 
 @compiled()
+def volume_pole(b: float) -> float:
+    """The cosine of the phase angle, beyond 1, at which the phase function is singular."""
+    return 0.5 * (b + 1.0 / b)
+
+
+@compiled()
 def elliptic_e(m: float) -> float:
     """Complete elliptic integral of the second kind, 0 <= m <= 1, by the arithmetic-geometric mean.
 

@@ -9,6 +9,10 @@ With the squared distance u^2, HWHM = 1:
 
 The Voigt shape is a Gaussian and a Lorentzian convolved, whose half widths are as 1 - eta to eta:
 y = eta sqrt(ln 2) / (1 - eta), and a, the place where Re w has fallen by half, is found once.
+
+A line shape has an entry in `pbrdf_bayes.effects_table`, its code here, and a case in `line_shape`
+(what depends on its parameter only) and in `log_line_shape`. The quadrature normalises any of them.
+Where it has poles nearer or farther than the Lorentzian, `stretch` and `gaussian_share` say so.
 """
 
 from __future__ import annotations
@@ -18,17 +22,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pbrdf_bayes.effects_table import LINE_SHAPES
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.elementary import log
 from pbrdf_bayes.physics.lobes.faddeeva import log_real_w
 
-LORENTZIAN, GAUSSIAN, VOIGT, CAUCHY = range(4)
-LINE_SHAPES = {"lorentzian": LORENTZIAN, "gaussian": GAUSSIAN, "voigt": VOIGT, "cauchy": CAUCHY}
-"""Codes by name."""
-NU_RANGE = (0.6, 6.0)
-"""Exponent of the Cauchy shape; 1 is the Lorentzian."""
-ETA_RANGE = (0.0, 1.0)
-"""Lorentzian share of the half width of the Voigt shape; 1 is the Lorentzian."""
+LORENTZIAN, GAUSSIAN, VOIGT, CAUCHY = range(len(LINE_SHAPES))
+"""Codes, in the order of the table."""
 
 _LN2 = 0.6931471805599453
 _LORENTZIAN_FROM = 1.0 - 1e-8
@@ -110,3 +110,31 @@ def _log_voigt(u2: float, shape: LineShape) -> float:
     near = min(u2, _TAIL)
     found = log_real_w(np.sqrt(shape.curvature * near), shape.damping) - shape.log_peak
     return found - log(u2 / near) if u2 > near else found
+
+
+# What the quadrature has to know, see `pbrdf_bayes.physics.normalisation.centres`.
+
+WIDEST_STRETCH = 2.0
+GAUSSIAN_STRETCH = 1.25
+VOIGT_SHARE = 1.5
+CAUCHY_SHARE = 0.65
+
+
+@compiled()
+def stretch(shape: LineShape) -> float:
+    """Width of the stretching in half widths of the peak: the distance of its poles."""
+    if shape.code == CAUCHY:
+        return min(1.0 / sqrt(shape.curvature), WIDEST_STRETCH)
+    return GAUSSIAN_STRETCH if shape.code == GAUSSIAN else 1.0
+
+
+@compiled()
+def gaussian_share(shape: LineShape) -> float:
+    """How much it is like the Gaussian, which takes the highest orders; 0 is the Lorentzian."""
+    if shape.code == LORENTZIAN:
+        return 0.0
+    if shape.code == VOIGT:
+        return min(1.0, VOIGT_SHARE / (1.0 + shape.damping))
+    if shape.code == CAUCHY:
+        return CAUCHY_SHARE * max(1.0 - 1.0 / shape.exponent, 0.0)
+    return 1.0

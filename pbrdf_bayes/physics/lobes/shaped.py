@@ -4,7 +4,8 @@
     rho_q(x) = rho0 [(1 - F_q(x)) / (1 - F(0))]^g
 
 with the arguments x, c, offset, h of `fresnel.lobe_fractions`: they serve A and B alike. S is a
-line shape; g, the narrowing, is 1 in Eq. (5). With the Lorentzian and g = 1 this is Eq. (3).
+line shape; g, the narrowing, is 1 in Eq. (5). With the Lorentzian and g = 1 this is
+Eq. (3a) and (3b), see `pbrdf_bayes.physics.equations`.
 
 The factor F_q in front is taken at one of three places:
 
@@ -35,6 +36,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.effects_table import FRESNEL_AT
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.elementary import exp, log
 from pbrdf_bayes.physics.fresnel import TINIEST, Surface, reflectances, transmittances
@@ -49,15 +51,8 @@ from pbrdf_bayes.physics.lobes.line_shapes import (
 
 Array = NDArray[np.float64]
 
-MEAN_SINE, GEOMETRIC_MEAN, MEAN_ANGLE = range(3)
-FRESNEL_AT = {
-    "mean-sine": MEAN_SINE,
-    "geometric-mean": GEOMETRIC_MEAN,
-    "mean-angle": MEAN_ANGLE,
-}
-"""Codes by name."""
-NARROWING_RANGE = (0.0, 2.0)
-"""Exponent of Eq. (5), where it is 1; 0 is a width that no angle changes."""
+MEAN_SINE, GEOMETRIC_MEAN, MEAN_ANGLE = range(len(FRESNEL_AT))
+"""Codes, in the order of the table."""
 LOWEST = -600.0
 """Ln of the shape that counts as zero in a norm; smaller ones would end in denormal numbers."""
 

@@ -25,50 +25,30 @@ min(1, 1.5/(1 + y)) for Voigt and 0.65 (1 - 1/nu) for Cauchy with nu > 1.
 from __future__ import annotations
 
 from cmath import acos
-from math import atan2, log1p, sqrt
+from math import atan2, log1p
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.fresnel import Surface
-from pbrdf_bayes.physics.lobes.line_shapes import CAUCHY, GAUSSIAN, VOIGT, LineShape
+from pbrdf_bayes.physics.lobes.line_shapes import gaussian_share
 from pbrdf_bayes.physics.lobes.shaped import Lobe
 
 Array = NDArray[np.float64]
 
-WIDEST_STRETCH = 2.0
-GAUSSIAN_STRETCH = 1.25
 POLE_DISTANCE = 0.9
 STEEP_POLE = 0.04
 GAUSSIAN_POLE = 0.76
 NARROWING_POLE = 0.1
-VOIGT_SHARE = 1.5
-CAUCHY_SHARE = 0.65
-
-
-@compiled()
-def stretch(shape: LineShape) -> float:
-    """Width of the stretching in half widths of the peak."""
-    if shape.code == CAUCHY:
-        return min(1.0 / sqrt(shape.curvature), WIDEST_STRETCH)
-    return GAUSSIAN_STRETCH if shape.code == GAUSSIAN else 1.0
 
 
 @compiled()
 def pole_distance(shaped: Lobe) -> float:
     """Distance in v of the nearest pole that the orders of all rules are made for."""
-    shape = shaped.shape
-    share = 0.0
-    if shape.code == GAUSSIAN:
-        share = 1.0
-    elif shape.code == VOIGT:
-        share = min(1.0, VOIGT_SHARE / (1.0 + shape.damping))
-    elif shape.code == CAUCHY:
-        share = CAUCHY_SHARE * max(1.0 - 1.0 / shape.exponent, 0.0)
     gaussian = GAUSSIAN_POLE - NARROWING_POLE * shaped.narrowing
     lorentzian = POLE_DISTANCE - STEEP_POLE * max(shaped.narrowing - 1.0, 0.0)
-    return lorentzian + share * (gaussian - lorentzian)
+    return lorentzian + gaussian_share(shaped.shape) * (gaussian - lorentzian)
 
 
 @compiled()

@@ -289,7 +289,7 @@ def _dot(a: Array, b: Array, u: Array, n: int) -> float:
 def integrals(
     inc: Incidence, surf: Surface, digits: float, m: int, n_series: int, ws: Workspace
 ) -> tuple[float, float, int]:
-    """I_s, I_p and the number of nodes at one angle; `expand_cumulative` comes before."""
+    """I_s, I_p of Eq. (4) at one angle, and the nodes; `expand_cumulative` comes before."""
     n = place_nodes(inc, surf, digits, ws)
     _fill_series(n, n_series, surf, ws)
     _sum_expansions(n, m, n_series, ws)

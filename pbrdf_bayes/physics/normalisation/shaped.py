@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.elementary import exp, half_sincos, log
 from pbrdf_bayes.physics.fresnel import Surface, transmittances
+from pbrdf_bayes.physics.lobes.line_shapes import stretch
 from pbrdf_bayes.physics.lobes.shaped import (
     GEOMETRIC_MEAN,
     Lobe,
@@ -35,7 +36,6 @@ from pbrdf_bayes.physics.normalisation.centres import (
     compare_widths,
     grazing_branch,
     pole_distance,
-    stretch,
 )
 from pbrdf_bayes.physics.normalisation.plain import Incidence
 from pbrdf_bayes.physics.normalisation.quadrature import (
@@ -370,7 +370,7 @@ def shaped_integrals(
     inc: Incidence, surf: Surface, shaped: Lobe, found: Cumulative, digits: float,
     ws: ShapedWorkspace,
 ) -> tuple[float, float]:  # fmt: skip
-    """I_s and I_p at one angle of incidence; ``found`` is of `shaped_cumulative` with ``ws``."""
+    """I_s and I_p of Eq. (4) at one angle; ``found`` is of `shaped_cumulative` with ``ws``."""
     n = _place_nodes(inc, surf, shaped, digits, ws)
     _fill_lobes(n, inc.sine, inc.cosine, surf, shaped, ws)
     _sum_cumulative(n, found, ws)

@@ -18,11 +18,12 @@ from pbrdf_bayes import (
     simulate_measurement,
 )
 from pbrdf_bayes import brdf as brdf_of
-from pbrdf_bayes.config import INSTRUMENT_EFFECTS
+from pbrdf_bayes.effects_table import INSTRUMENT_EFFECTS
 from pbrdf_bayes.inference.effects_choice import choose as choosing
 from pbrdf_bayes.inference.effects_choice.candidates import grown
 from pbrdf_bayes.inference.effects_choice.choose import choose_effects
 from pbrdf_bayes.measurement import select_scans
+from pbrdf_bayes.words import say
 
 AUTO = RunConfig(effects=("auto",))
 GRID = np.arange(-80.0, 81.0, 8.0)
@@ -41,7 +42,7 @@ def test_nothing_is_added_to_a_strict_paint(seed):
     assert config.effects == ()
     assert config.line_shape == "lorentzian"
     assert [c.name for c in choice.candidates if c.chosen] == ["four parameters"]
-    assert "Nothing beyond" in choice.statement
+    assert choice.statement == say("effects.none", base="four parameters", held="")
     assert {c.line_shape for c in choice.candidates} == {"lorentzian", "cauchy"}
 
 
@@ -91,7 +92,7 @@ def test_readings_of_the_dhr_alone_are_not_called_one_angle():
     assert np.unique(alone.dhr.theta_i_deg).size > 3
     config, choice = choose_effects(alone, AUTO, seed=1)
     assert config.effects == ()
-    assert choice.statement.startswith("Without BRDF scans there is no curve to predict: ")
+    assert choice.caution == say("effects.no_statistics")
 
 
 def test_candidates_never_hold_an_effect_of_the_instrument():

@@ -25,6 +25,7 @@ from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.model.simulate import simulate_measurement
 from pbrdf_bayes.verdicts.applicability import find_repeatability
 from pbrdf_bayes.verdicts.predictive_checks import judge_readings
+from pbrdf_bayes.words import say
 
 Array = NDArray[np.float64]
 THETA_R = np.linspace(-60.0, 60.0, 9)
@@ -208,14 +209,14 @@ def test_a_stated_sigma_beyond_the_scatter_is_the_cause_of_narrow_residuals(
     noise = white_noise_dex(posterior, find_map(posterior, n_starts=2, seed=1).best.x)
     repeatability = find_repeatability(posterior.measurement, noise)
     verdict = next(d for d in judge_readings(found, repeatability) if d.name == "pit")
-    assert "4 of 4 scans" in verdict.statement
-    assert "too narrow" in verdict.statement
-    assert "states 0.065 dex where" in verdict.advice  # 0.15 / ln 10
-    assert "another scan" not in verdict.advice
+    assert set(verdict.scans) == {scan.label for scan in small.scans}
+    said = say("pit.stated.advice", stated=0.15 / np.log(10.0), found=repeatability.neighbours_dex)
+    assert verdict.advice == said
     without = next(d for d in judge_readings(found) if d.name == "pit")
-    assert "Residuals of every scan are narrower" in without.advice
+    assert without.advice == say("pit.all_narrow.advice")
     few = replace(found, scans=(*found.scans, replace(found.scans[0], p_value=1.0)))
-    assert "another scan" in next(d for d in judge_readings(few) if d.name == "pit").advice
+    verdict = next(d for d in judge_readings(few) if d.name == "pit")
+    assert say("pit.narrow.advice") in verdict.advice
 
 
 def test_without_scans_only_dhr_is_scored(make_measurement: Callable[..., Measurement]) -> None:

@@ -67,7 +67,7 @@ def start() -> SamplerState:
     rng = np.random.default_rng(1)
     return begin(
         [rng.uniform(-0.4, 0.2, (16, 2)) for _ in range(4)], [1, 2, 3, 4], PROPOSAL, QUICK,
-        exploring=True, rejected=Rejected(),
+        rejected=Rejected(),
     )  # fmt: skip
 
 
@@ -95,11 +95,9 @@ def test_in_one_piece_in_many_or_from_a_stored_copy_the_walk_is_the_same(
 
 def test_the_arrays_hold_every_field(law: Posterior, start: SamplerState) -> None:
     """A field that was forgotten would come back as its default."""
-    state = replace(
-        advance(law, start, moves, 10, 1), n_checked=7, n_passed=1, seconds=3.5, exploring=False
-    )
+    state = replace(advance(law, start, moves, 10, 1), n_checked=7, n_passed=1, seconds=3.5)
     back = state_from_arrays(state_to_arrays(state))
-    assert (back.n_checked, back.n_passed, back.seconds, back.exploring) == (7, 1, 3.5, False)
+    assert (back.n_checked, back.n_passed, back.seconds) == (7, 1, 3.5)
     assert back.quick.k_hat == 0.4
     assert_same(back, state)
     missing = state_to_arrays(state)

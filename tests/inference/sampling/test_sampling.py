@@ -23,7 +23,7 @@ from pbrdf_bayes.inference.optimum.map_fit import coordinate_bounds, find_map
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.sampling.importance import ImportanceDraws
 from pbrdf_bayes.inference.sampling.mixture import Mixture
-from pbrdf_bayes.inference.sampling.moves import _KernelMove, choose_moves, independence_move
+from pbrdf_bayes.inference.sampling.moves import choose_moves, independence_move
 from pbrdf_bayes.inference.sampling.sampling import (
     Draws,
     Progress,
@@ -382,16 +382,6 @@ def test_global_random_state_is_neither_used_nor_touched(law: Posterior, start: 
     np.testing.assert_array_equal(before, after)
     np.random.seed(99)  # noqa: NPY002
     np.testing.assert_array_equal(draw(law, start, "emcee", max_steps=100).x, first.x)
-
-
-def test_walkers_that_span_no_volume_stay_in_place() -> None:
-    """The kernel estimate does not exist; the move is then none instead of an error."""
-    flat = np.outer(np.arange(8.0), np.ones(3))
-    proposed, factors = _KernelMove().get_proposal(
-        flat, [flat], np.random.RandomState(1)
-    )  # fmt: skip
-    np.testing.assert_array_equal(proposed, flat)
-    np.testing.assert_array_equal(factors, 0.0)
 
 
 def test_a_dielectric_is_fitted() -> None:

@@ -1,0 +1,1 @@
+"""What files hold: typed records, from which their JSON schemas are made."""
