@@ -9,8 +9,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pbrdf_bayes.analysis import Analysis, load_analysis
     from pbrdf_bayes.batch.run import fit_batch
     from pbrdf_bayes.config import RunConfig
+    from pbrdf_bayes.conform.assessment import assess_conformity
     from pbrdf_bayes.design.candidates import Candidate, Costs
     from pbrdf_bayes.errors import (
         ClusterError,
@@ -25,7 +27,6 @@ if TYPE_CHECKING:
     from pbrdf_bayes.inference.posterior import Posterior, build_posterior
     from pbrdf_bayes.io.document_toml import read_document
     from pbrdf_bayes.io.limits_toml import read_limits
-    from pbrdf_bayes.io.run_folder import load_analysis
     from pbrdf_bayes.io.tidy_csv import import_readings, read_measurement, write_tidy_csv
     from pbrdf_bayes.measurement import Measurement
     from pbrdf_bayes.model.diffuse_directional import ddr
@@ -47,10 +48,8 @@ if TYPE_CHECKING:
     from pbrdf_bayes.model.simulate import GREEN_PAINT, simulate_measurement
     from pbrdf_bayes.readings.checks import check_measurement
     from pbrdf_bayes.report.page import render_report
-    from pbrdf_bayes.results import Analysis
     from pbrdf_bayes.scene.prediction import predict_scene
     from pbrdf_bayes.scenes import Scene
-    from pbrdf_bayes.workflow.assessment import assess_conformity
     from pbrdf_bayes.workflow.exporting import Exported, export_brdf
     from pbrdf_bayes.workflow.fitting import fit
     from pbrdf_bayes.workflow.next_measurement import design_next
@@ -59,7 +58,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOME = {
-    "Analysis": "results",
+    "Analysis": "analysis",
     "Candidate": "design.candidates",
     "ClusterError": "errors",
     "ConfigError": "errors",
@@ -79,7 +78,7 @@ _HOME = {
     "RunFolderError": "errors",
     "Scene": "scenes",
     "angle_of_linear_polarization_deg": "model.polarimetry",
-    "assess_conformity": "workflow.assessment",
+    "assess_conformity": "conform.assessment",
     "brdf": "model.four_parameter",
     "build_posterior": "inference.posterior",
     "check_measurement": "readings.checks",
@@ -90,7 +89,7 @@ _HOME = {
     "export_brdf": "workflow.exporting",
     "fit": "workflow.fitting",
     "fit_batch": "batch.run",
-    "load_analysis": "io.run_folder",
+    "load_analysis": "analysis",
     "mueller": "model.polarimetry",
     "normalisation_error": "model.four_parameter",
     "import_readings": "io.tidy_csv",

@@ -13,11 +13,13 @@ The run folder holds exactly these three, so a report made from disk equals one 
 ``observed_data``
     ``brdf (brdf_obs)`` [sr^-1], ``dhr (dhr_obs)`` [1].
 ``constant_data``
-    Over ``brdf_obs``: ``brdf_polarization, brdf_theta_i_deg, brdf_theta_r_deg, brdf_phi_r_deg,
-    brdf_scan`` (index into ``scan``), ``brdf_u`` (stated standard uncertainty, NaN where none),
-    ``brdf_row``, ``brdf_map`` (model at the MAP), ``brdf_best`` (model at the least-squares
-    optimum). Over ``dhr_obs``: ``dhr_polarization, dhr_theta_i_deg, dhr_u, dhr_row, dhr_map``.
-    Over ``scan``: coordinate ``scan`` holds the labels.
+    Everything else of the measurement, see `pbrdf_bayes.measurement`. Over ``brdf_obs`` and
+    ``dhr_obs``, each name after ``brdf_`` or ``dhr_``: ``polarization, theta_i_deg, theta_r_deg,
+    phi_r_deg, u`` (stated standard uncertainty, NaN where none), ``repeated, row, map`` (model at
+    the MAP); ``brdf_scan`` (index into ``scan``), ``brdf_best`` (model at the least-squares
+    optimum). Over ``scan`` (coordinate: the labels): ``scan_polarization, scan_theta_i_deg,
+    scan_phi_r_deg, scan_start, scan_stop``. Over ``flag`` (coordinate): ``n_excluded``. Over
+    ``n_warnings``: ``warning``. Attributes: ``sample, wavelength_um, source, sha256``.
 ``posterior_predictive``
     ``brdf (chain, draw, brdf_obs)``, ``dhr (chain, draw, dhr_obs)``: replicated readings.
 ``leave_one_out``

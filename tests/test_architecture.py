@@ -24,7 +24,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("readings",),
     ("model",),
     ("scene", "inference", "io", "report"),
-    ("verdicts", "conform", "design"),
+    ("verdicts", "analysis"),
+    ("conform", "design"),
     ("workflow",),
     ("bench", "batch"),
     ("verbs",),
@@ -38,10 +39,10 @@ HOMES = {
     "matplotlib": {"report", "bench"}, "jinja2": {"report", "bench"}, "nlopt": {"inference.optimum.map_fit"},
     "emcee": {"inference.sampling.moves", "inference.sampling.ensembles", "inference.sampling.sampling"}, "arviz_stats": {"inference.arviz_adapter"},
     "jsonschema": set(), "msgspec": {"records", "io.schemas", "workflow.summary"}, "tomllib": {"io"}, "csv": {"io", "batch.index"}, "argparse": {"verbs", "cli"}, "pandas": {"io"},
-    "h5py": {"io.netcdf_tree"}, "xarray": {"io", "workflow.tree", "results"}, "numba": {"physics", "inference", "bench", "workflow.compile_ahead"},
+    "h5py": set(), "xarray": {"io", "workflow.tree", "results"}, "numba": {"physics", "inference", "bench", "workflow.compile_ahead"},
     "llvmlite": {"physics.elementary"}, "fcntl": {"io.locks"}, "signal": {"cli", "batch.work"}, "distributed": {"batch.executors"},
     "threadpoolctl": {"inference", "bench", "design"}, "subprocess": {"workflow.compile_ahead", "io.print_pdf"}, "pickle": set(), "arviz": set(),
-    "random": set(), "pathlib": {"io", "workflow.compile_ahead", "workflow", "verbs", "cli", "bench", "batch", "physics.compiled"},
+    "random": set(), "pathlib": {"io", "analysis", "workflow.compile_ahead", "workflow", "verbs", "cli", "bench", "batch", "physics.compiled"},
     "os": {"io", "cli", "bench", "batch"}, "tempfile": {"io"}, "time": {"inference.effects_choice.choose", "inference.sampling.ensembles", "io.checkpoint", "workflow.fitting", "verbs.terminal", "bench", "batch"},
 }  # fmt: skip
 """What only these parts import, wherever it is imported at all."""

@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pbrdf_bayes.analysis import load_analysis
 from pbrdf_bayes.cli import main
-from pbrdf_bayes.io.run_folder import load_analysis
 
 pytestmark = pytest.mark.slow
 

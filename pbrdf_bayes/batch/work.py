@@ -21,7 +21,7 @@ from pbrdf_bayes.batch.shared_folder import blind_to, sees_mark
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.errors import PbrdfError, RunFolderError
 from pbrdf_bayes.io.checkpoint import has_checkpoints, remove_checkpoints_of_other_files
-from pbrdf_bayes.io.run_folder import is_finished, load_summary, locked
+from pbrdf_bayes.io.run_folder import damage_of, is_finished, load_summary, locked
 from pbrdf_bayes.workflow.fitting import Observer, fit_into
 from pbrdf_bayes.workflow.paperwork import Paperwork, amend_folder
 
@@ -73,7 +73,7 @@ def run_task(task: Task) -> Row:
     started = time.perf_counter()
     job, m, wanted = task.job, task.job.measurement, task.paperwork
     assert m is not None
-    status = DONE
+    status, notice = DONE, ""
     if not sees_mark(task.out, task.mark):
         return failed_row(job, blind_to(task.out), seconds=time.perf_counter() - started)
     told = stage_writer(task.out, job.folder)
@@ -84,11 +84,12 @@ def run_task(task: Task) -> Row:
             if has_checkpoints(folder):
                 with locked(folder):
                     remove_checkpoints_of_other_files(folder, m.sha256)
-            fit_into(
+            run = fit_into(
                 folder, m, task.config, seed=task.seed, resume=True, paperwork=wanted, brief=True,
                 observer=Observer(stage=told),
             )  # fmt: skip
             note_report(folder)
+            notice = run.notice
         elif wanted.amends:
             told("judge")
             amend_folder(folder, wanted, brief=True)
@@ -97,6 +98,7 @@ def run_task(task: Task) -> Row:
         summary = load_summary(folder)
         seconds = time.perf_counter() - started if status == DONE else _of_the_fit(summary)
         row = finished_row(job, summary, status=status, seconds=seconds)
+        row = noted(row, notice) if notice else row
     except PbrdfError as error:
         return failed_row(job, str(error), seconds=time.perf_counter() - started)
     except (ArithmeticError, ValueError, RuntimeError, OSError, MemoryError) as error:
@@ -118,13 +120,16 @@ def _give_back_memory() -> None:
 def finished_before(out: Path, job: Job, wanted: Paperwork) -> Row | None:
     """Row of a sample that an earlier batch has finished and judged; None where it has not.
 
-    What was issued by other means since then is left as it is, and is what the row says.
+    What was issued by other means since then is left as it is, and is what the row says; so is a
+    run with damaged files, which is fitted again only where its report is that of the batch.
     """
     try:
         folder = own_folder(out, job.folder)
         summary = load_summary(folder) if is_finished(folder) else None
         if summary is None or summary["status"] != "done":
             return None
+        if damage := damage_of(folder, summary):
+            return None if is_own_report(folder) else failed_row(job, f"{folder}: {damage}. {KEPT}")
         is_as_wanted = wanted.is_in(summary)
         if not is_as_wanted and is_own_report(folder):
             return None
@@ -140,7 +145,10 @@ def _of_the_fit(summary: Mapping[str, Any]) -> float:
 
 
 def _is_done(folder: Path) -> bool:
-    return is_finished(folder) and load_summary(folder)["status"] == "done"
+    if not is_finished(folder):
+        return False
+    summary = load_summary(folder)
+    return summary["status"] == "done" and not damage_of(folder, summary)
 
 
 def own_folder(out: Path, name: str) -> Path:

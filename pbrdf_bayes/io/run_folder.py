@@ -15,8 +15,7 @@ from typing import Any
 import xarray as xr
 
 from pbrdf_bayes.errors import RunFolderError
-from pbrdf_bayes.io.locks import try_lock
-from pbrdf_bayes.io.netcdf_tree import tree_bytes
+from pbrdf_bayes.io.locks import GO_ON, try_lock
 from pbrdf_bayes.io.outside import MAX_TEXT_BYTES, read_ordinary
 from pbrdf_bayes.io.safe_names import safe_name
 from pbrdf_bayes.io.schemas import validate
@@ -38,8 +37,13 @@ RUN_FILES = (
     SUMMARY, POSTERIOR, CONFIG, REPORT, PDF, DESIGN, DESIGN_PAGE, PLAN, LOG, LOCK,
 )  # fmt: skip
 _PART = ".part"
+_VOUCHED = (POSTERIOR, CONFIG)
+"""Files of a run that its summary has the checksums of."""
+_DAMAGED = (
+    "{}: the run is damaged ({}). Fit it again: 'fit' with this --out and --resume does, and so "
+    "does 'batch' with --resume"
+)
 _AGAIN = "Remove it, or run 'design' again"
-_CHECKSUM = "posterior_sha256"
 _MOST_JSON_BYTES = 64 * 2**20
 _DAMAGE = (OSError, ValueError, AttributeError, KeyError, RuntimeError, TypeError)
 """What h5netcdf and h5py raise for a file with bytes that are not what they were."""
@@ -100,7 +104,8 @@ def locked(folder: Path) -> Iterator[None]:
     Raises
     ------
     RunFolderError
-        When the folder cannot be made, another process holds it, or the lock in it is a link.
+        When the folder cannot be made, another process holds it, its file system cannot lock, or
+        the lock in it is a link.
     """
     lock = folder / LOCK
     if lock.is_symlink():  # opened, it would be followed out of the folder
@@ -117,7 +122,7 @@ def locked(folder: Path) -> Iterator[None]:
         msg = f"{folder}: cannot write there ({error.strerror}). Give another folder with --out"
         raise RunFolderError(msg) from None
     try:
-        if not try_lock(handle):
+        if not _try_lock(handle, folder):
             msg = (
                 f"{folder}: another process is writing this run. Wait for it, or use another --out"
             )
@@ -125,6 +130,18 @@ def locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(handle)
+
+
+def _try_lock(handle: int, folder: Path) -> bool:
+    try:
+        return try_lock(handle)
+    except OSError as error:
+        msg = (
+            f"{folder}: this file system cannot lock files ({error.strerror}), so that a second "
+            "process would not be refused. Give an --out on another one, or set the environment "
+            f"variable {GO_ON}=1 if no other process writes there"
+        )
+        raise RunFolderError(msg) from None
 
 
 def refuse_to_replace(path: Path, files: Iterable[Path], runs: Iterable[Path]) -> None:
@@ -216,15 +233,17 @@ def save_analysis(analysis: Analysis, folder: Path, *, report: str, log: str) ->
     RunFolderError
         When the folder cannot be written.
     """
-    summary = plain(analysis.summary)
-    validate_summary(summary, where=str(folder))
     # made in memory: where the disk is full, HDF5 ends the process
-    posterior = tree_bytes(analysis.draws)
-    write_bytes(folder / POSTERIOR, posterior)
-    write_text(folder / CONFIG, analysis.config_toml)
+    posterior = bytes(analysis.draws.to_netcdf(engine="h5netcdf"))
+    contents = {POSTERIOR: posterior, CONFIG: analysis.config_toml.encode("utf-8")}
+    files = {name: {"sha256": hashlib.sha256(contents[name]).hexdigest()} for name in _VOUCHED}
+    summary = plain({**analysis.summary, "files": files})
+    validate_summary(summary, where=str(folder))
+    for name, content in contents.items():
+        write_bytes(folder / name, content)
     write_text(folder / LOG, log)
     write_text(folder / REPORT, report)
-    _write_summary(folder, summary, posterior)
+    _write_summary(folder, summary)
 
 
 def amend_run(folder: Path, summary: Mapping[str, Any], *, report: str) -> None:
@@ -241,54 +260,76 @@ def amend_run(folder: Path, summary: Mapping[str, Any], *, report: str) -> None:
     validate_summary(content, where=str(folder))
     (folder / PDF).unlink(missing_ok=True)
     write_text(folder / REPORT, report)
-    _write_summary(folder, content, (folder / POSTERIOR).read_bytes())
+    _write_summary(folder, content)
 
 
-def _write_summary(folder: Path, summary: Mapping[str, Any], posterior: bytes) -> None:
-    """With the checksum of the draws, by which they are known to be whole when they are read."""
-    whole = {**summary, _CHECKSUM: hashlib.sha256(posterior).hexdigest()}
-    write_text(folder / SUMMARY, json.dumps(whole, indent=1, ensure_ascii=False) + "\n")
+def _write_summary(folder: Path, summary: Mapping[str, Any]) -> None:
+    write_text(folder / SUMMARY, json.dumps(summary, indent=1, ensure_ascii=False) + "\n")
 
 
-def load_analysis(folder: Path | str) -> Analysis:
+def damage_of(folder: Path, summary: Mapping[str, Any]) -> str:
+    """What is wrong with the files of a finished run, in words; empty where they are whole.
+
+    Parameters
+    ----------
+    folder : Path
+    summary : mapping
+        Of the run: ``files`` has the checksums. An early version stored none of ``config.toml``.
+    """
+    faults = (_fault(folder / name, summary.get("files", {}).get(name)) for name in _VOUCHED)
+    return "; ".join(fault for fault in faults if fault)
+
+
+def _fault(path: Path, stored: Mapping[str, str] | None) -> str:
+    try:
+        if not path.is_file():
+            return f"{path.name} is missing"
+        with path.open("rb") as file:
+            found = hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        return f"{path.name} cannot be read ({error.strerror})"
+    changed = stored is not None and stored["sha256"] != found
+    return f"{path.name} does not have the checksum in {SUMMARY}" if changed else ""
+
+
+def refuse_damage(folder: Path, summary: Mapping[str, Any]) -> None:
+    """Refuse a run whose files are not those that were written.
+
+    Raises
+    ------
+    RunFolderError
+        With the files and the remedy.
+    """
+    if damage := damage_of(folder, summary):
+        raise RunFolderError(_DAMAGED.format(folder, damage))
+
+
+def read_run(folder: Path) -> Analysis:
     """Read a finished run back.
 
     Parameters
     ----------
-    folder : Path or str
-        The run folder.
+    folder : Path
 
     Returns
     -------
     Analysis
+        As it is stored; see `pbrdf_bayes.load_analysis`.
 
     Raises
     ------
     RunFolderError
         Not a finished run, or a file of it is missing or damaged.
     """
-    folder = Path(folder)
-    stored = _stored_summary(folder)
-    checksum = stored.pop(_CHECKSUM, None)
+    summary = load_summary(folder)
+    refuse_damage(folder, summary)
     try:
-        posterior = (folder / POSTERIOR).read_bytes()
-        _refuse_changed(folder, posterior, checksum)
-        with xr.open_datatree(posterior, engine="h5netcdf") as tree:
+        with xr.open_datatree((folder / POSTERIOR).read_bytes(), engine="h5netcdf") as tree:
             draws = tree.load()
         text = read_ordinary(folder / CONFIG, MAX_TEXT_BYTES).decode("utf-8")
     except _DAMAGE as error:
-        msg = f"{folder}: the run is damaged ({error}). Fit again into another folder"
-        raise RunFolderError(msg) from None
-    return Analysis(stored, draws, text, design=load_design(folder, stored))
-
-
-def _refuse_changed(folder: Path, posterior: bytes, checksum: str | None) -> None:
-    if checksum not in (None, hashlib.sha256(posterior).hexdigest()):
-        msg = (
-            f"{folder}: the run is damaged ({POSTERIOR} does not have the checksum in {SUMMARY}). "
-            "Fit again into another folder"
-        )
-        raise RunFolderError(msg)
+        raise RunFolderError(_DAMAGED.format(folder, error)) from None
+    return Analysis(summary, draws, text, design=load_design(folder, summary))
 
 
 def load_summary(folder: Path) -> dict[str, Any]:
@@ -298,12 +339,6 @@ def load_summary(folder: Path) -> dict[str, Any]:
     ------
     RunFolderError
     """
-    summary = _stored_summary(folder)
-    summary.pop(_CHECKSUM, None)
-    return summary
-
-
-def _stored_summary(folder: Path) -> dict[str, Any]:
     if not is_finished(folder):
         msg = f"{folder}: not a finished run (no {SUMMARY}). Give the folder that 'fit' printed"
         raise RunFolderError(msg)
@@ -317,6 +352,8 @@ def _stored_summary(folder: Path) -> dict[str, Any]:
         msg = f"{folder / SUMMARY}: schema version {version!r}; this program reads {SCHEMA_VERSION}"
         raise RunFolderError(msg)
     validate_summary(summary, where=str(folder / SUMMARY))
+    if (early := summary.pop("posterior_sha256", None)) is not None:  # version 0.1
+        summary["files"] = {POSTERIOR: {"sha256": early}}
     return summary
 
 

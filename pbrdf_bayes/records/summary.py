@@ -702,6 +702,13 @@ class Conformity:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Checksum:
+    """Of one file of a run."""
+
+    sha256: Sha256
+
+
+@dataclass(frozen=True, kw_only=True)
 class Summary:
     """``summary.json`` of a run of pbrdf_bayes.
 
@@ -729,8 +736,8 @@ class Summary:
         Where limits were given.
     document : mapping of str to str
         Items of the report that the laboratory gave.
-    posterior_sha256 : str
-        SHA-256 of ``posterior.nc``.
+    files : mapping of str to Checksum
+        Files of the run by name, as they were written.
     """
 
     schema_version: Literal[1] = 1
@@ -767,7 +774,7 @@ class Summary:
     timings: Mapping[str, Number]
     conformity: Conformity | UnsetType | None = UNSET
     document: Mapping[str, DocumentItem] | UnsetType | None = UNSET
-    posterior_sha256: Sha256 | UnsetType = UNSET
+    files: Mapping[str, Checksum] | UnsetType = UNSET
 
     def __post_init__(self) -> None:
         missing = [name for name in PHYSICAL if name not in self.parameters]

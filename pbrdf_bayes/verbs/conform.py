@@ -112,9 +112,10 @@ def paperwork_of(options: argparse.Namespace) -> Any:
 def _conform(options: argparse.Namespace) -> int:
     from dataclasses import replace
 
+    from pbrdf_bayes.analysis import load_analysis
+    from pbrdf_bayes.conform.assessment import assess_conformity
     from pbrdf_bayes.io.limits_toml import read_limits
-    from pbrdf_bayes.io.run_folder import load_analysis, refuse_to_replace, write_text
-    from pbrdf_bayes.workflow.assessment import assess_conformity
+    from pbrdf_bayes.io.run_folder import refuse_to_replace, write_text
     from pbrdf_bayes.workflow.paperwork import store
 
     folders = [folder for folder in (options.folder, options.reference) if folder is not None]

@@ -210,6 +210,8 @@ def _fit(options: argparse.Namespace) -> int:
         paperwork=paperwork_of(options),
         observer=observer(quiet=options.quiet, interrupted=interrupted.is_set),
     )  # fmt: skip
+    if run.notice:
+        print(f"pbrdf-bayes fit: {run.notice}", file=sys.stderr)
     print(run.folder)
     if run.status != "done":
         error = ConvergenceError(

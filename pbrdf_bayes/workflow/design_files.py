@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from pbrdf_bayes.analysis import Analysis, load_analysis
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.design.run import DesignChoices
 from pbrdf_bayes.io.run_folder import (
@@ -16,14 +17,12 @@ from pbrdf_bayes.io.run_folder import (
     DESIGN_PAGE,
     PLAN,
     REPORT,
-    load_analysis,
     locked,
     refuse_other_content,
     validate_design,
     write_text,
 )
 from pbrdf_bayes.records.values import plain
-from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.workflow.candidates_csv import Wanted
 from pbrdf_bayes.workflow.next_measurement import Told, answer, ask
 

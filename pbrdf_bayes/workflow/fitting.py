@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.analysis import Analysis
 from pbrdf_bayes.config import ACCURACIES, AUTO, RunConfig
 from pbrdf_bayes.inference.effects_choice.choose import choose_effects, time_likelihood
 from pbrdf_bayes.inference.optimum.laplace import laplace_mixture
@@ -51,7 +52,7 @@ from pbrdf_bayes.readings.checks import check_measurement
 from pbrdf_bayes.records.checks import Check
 from pbrdf_bayes.records.summary import EffectsChoice
 from pbrdf_bayes.report.page import render_report
-from pbrdf_bayes.results import N_BAND_DRAWS, Analysis
+from pbrdf_bayes.results import N_BAND_DRAWS
 from pbrdf_bayes.verdicts.applicability import (
     find_repeatability,
     held_out_rms,
@@ -234,7 +235,10 @@ def _fit_posterior(
         widths=widths,
     )  # fmt: skip
     return Analysis(
-        summary=summarise(stages), draws=build_tree(stages), config_toml=config_to_toml(config)
+        summary=summarise(stages),
+        draws=build_tree(stages),
+        config_toml=config_to_toml(config),
+        fitted=posterior,
     )
 
 
@@ -267,11 +271,12 @@ def _tempered_draws(
 
 @dataclass(frozen=True)
 class FitRun:
-    """A fit as a run folder on disk."""
+    """A fit as a run folder on disk; ``notice`` says why it was fitted again, if it was."""
 
     folder: Path
     status: str
     verdict: str
+    notice: str = ""
 
 
 def fit_file(
@@ -300,9 +305,10 @@ def fit_file(
         The run folder itself; reports/<sample>/<time> by default.
     seed : int
     resume : bool
-        A finished run in ``out`` is returned as it is; an unfinished one goes on from its
-        checkpoint, to the draws that it would have had without the interruption. One that did not
-        converge goes on where ``max_steps`` is larger now.
+        A finished run in ``out`` is returned as it is. One whose files are not those that were
+        written is fitted again, and ``notice`` says so. An unfinished one goes on from its
+        checkpoint, to the draws that it would have had without the interruption; so does one that
+        did not converge, where ``max_steps`` is larger now.
     paperwork : Paperwork, optional
         Limits to be judged, items of the report, and the report as PDF; for a finished run too.
     observer : Observer, optional
@@ -358,9 +364,13 @@ def fit_into(
         run_folder.refuse_other_content(
             folder, what="the folder of the run", remedy="Add --resume, or give another --out"
         )
+    notice = ""
     if resume and run_folder.is_finished(folder):
         summary = finished_summary(folder, as_finished(posterior, config, folder), seed)
-        if not can_walk_on(folder, summary, config):
+        damage = run_folder.damage_of(folder, summary)
+        if damage:
+            notice = f"{folder}: the run was damaged ({damage}), and was fitted again"
+        elif not can_walk_on(folder, summary, config):
             if wanted.amends or wanted.pdf:
                 amend_folder(folder, wanted)
             return FitRun(folder, summary["status"], summary["verdict"])
@@ -378,15 +388,15 @@ def fit_into(
             analysis = _completed(analysis, wanted, clock)
             with clock.stage("report"):
                 report = render_report(analysis, brief=brief)
-        told = [f"sample {measurement.sample!r}, seed {seed}", *clock.log]
-        log = "\n".join([*told, *history(checkpoints, analysis.summary), ""])
+        told = [notice] * bool(notice) + [f"sample {measurement.sample!r}, seed {seed}"]
+        log = "\n".join([*told, *clock.log, *history(checkpoints, analysis.summary), ""])
         run_folder.save_analysis(analysis, folder, report=report, log=log)
         if analysis.summary["status"] == "done":
             remove_checkpoints(folder)
         if wanted.pdf:
             with clock.stage("print"):
                 write_pdf(folder, report)
-    return FitRun(folder, analysis.summary["status"], analysis.summary["verdict"])
+    return FitRun(folder, analysis.summary["status"], analysis.summary["verdict"], notice)
 
 
 def _completed(analysis: Analysis, wanted: Paperwork, clock: _Clock) -> Analysis:

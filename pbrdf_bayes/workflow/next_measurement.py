@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pbrdf_bayes.analysis import Analysis
 from pbrdf_bayes.config import AUTO, RunConfig
 from pbrdf_bayes.design.beliefs import Beliefs, beliefs_of_prior, beliefs_of_run
 from pbrdf_bayes.design.candidates import Candidate, Costs
@@ -14,9 +15,8 @@ from pbrdf_bayes.design.run import DesignChoices, design_measurements
 from pbrdf_bayes.design.summary import summarise_design
 from pbrdf_bayes.design.words import minutes as in_minutes
 from pbrdf_bayes.errors import ConfigError
-from pbrdf_bayes.results import Analysis, draws_of_run
+from pbrdf_bayes.results import draws_of_run
 from pbrdf_bayes.workflow.candidates_csv import Wanted, list_wanted
-from pbrdf_bayes.workflow.tree import measurement_of, posterior_of
 
 Told = Callable[[str, int, int], None]
 
@@ -74,7 +74,7 @@ def ask(
     chosen = choices or DesignChoices()
     aims = tuple(dict.fromkeys(parse_goal(text) for text in goals))
     analysis = source if isinstance(source, Analysis) else None
-    measurement = None if analysis is None else measurement_of(analysis)
+    measurement = None if analysis is None else analysis.measurement
     candidates = list_wanted(wanted, measurement) if isinstance(wanted, Wanted) else tuple(wanted)
     _check_candidates(candidates, chosen.minutes)
     if isinstance(source, Analysis):
@@ -189,7 +189,7 @@ def choices_of(*, minutes: float, batch: int | None, draws: int, seed: int) -> D
 
 
 def _beliefs_of(analysis: Analysis, about: Sequence[str]) -> Beliefs:
-    posterior = posterior_of(analysis)
+    posterior = analysis.posterior()
     draws = draws_of_run(analysis, posterior.parameter_names)
     return beliefs_of_run(posterior, draws.reshape(-1, posterior.n_par), about=about)
 

@@ -9,6 +9,13 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from pbrdf_bayes.analysis import Analysis, load_analysis
+from pbrdf_bayes.conform.assessment import (
+    assess_conformity,
+    check_reference_wanted,
+    check_specification,
+    check_wavelength,
+)
 from pbrdf_bayes.document import Document, fill_in
 from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.io import run_folder
@@ -16,14 +23,7 @@ from pbrdf_bayes.io.print_pdf import find_browser, print_pdf
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.records.values import plain
 from pbrdf_bayes.report.page import render_report
-from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.specification import Specification
-from pbrdf_bayes.workflow.assessment import (
-    assess_conformity,
-    check_reference_wanted,
-    check_specification,
-    check_wavelength,
-)
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Paperwork:
             check_specification(self.specification)
         check_reference_wanted(self.specification, given=self.reference is not None)
         if self.reference is not None:
-            run_folder.load_summary(self.reference)
+            run_folder.refuse_damage(self.reference, run_folder.load_summary(self.reference))
         if self.pdf:
             find_browser()
 
@@ -95,7 +95,7 @@ def _digest(specification: Specification, reference: Path | None) -> str:
     """Of the limits, and of the draws of the reference where there is one."""
     text = json.dumps(asdict(replace(specification, source="")), sort_keys=True)
     if reference is not None:
-        text += str(run_folder.load_summary(reference).get("posterior_sha256"))
+        text += str(run_folder.load_summary(reference).get("files"))
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -103,7 +103,7 @@ def complete(analysis: Analysis, wanted: Paperwork) -> Analysis:
     """The analysis with verdicts and items in its summary."""
     added: dict[str, Any] = {}
     if wanted.specification is not None:
-        other = None if wanted.reference is None else run_folder.load_analysis(wanted.reference)
+        other = None if wanted.reference is None else load_analysis(wanted.reference)
         found = assess_conformity(analysis, wanted.specification, other)
         digest = _digest(wanted.specification, wanted.reference)
         added["conformity"] = {**found, "specification_sha256": digest}
@@ -122,7 +122,7 @@ def amend_folder(folder: Path, wanted: Paperwork, *, brief: bool = False) -> Pat
     ConfigError, RunFolderError
     """
     wanted.check()
-    found = run_folder.load_analysis(folder)
+    found = load_analysis(folder)
     analysis = complete(found, wanted)
     if brief and plain(analysis.summary) == found.summary:
         return folder / run_folder.REPORT

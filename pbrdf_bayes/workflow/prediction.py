@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.analysis import Analysis, load_analysis
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.inference.prediction.bands import Bands, Targets, predict_bands
-from pbrdf_bayes.io.run_folder import load_analysis
 from pbrdf_bayes.model.effects import Effects
 from pbrdf_bayes.model.four_parameter import Parameters, brdf, check_directions, dhr, digits_of
 from pbrdf_bayes.model.reciprocity import reciprocal_brdf
-from pbrdf_bayes.results import N_BAND_DRAWS, Analysis, drawn_sets
-from pbrdf_bayes.workflow.tree import posterior_of
+from pbrdf_bayes.results import N_BAND_DRAWS, drawn_sets
 
 Array = NDArray[np.float64]
 
@@ -198,7 +197,7 @@ def predict_from_analysis(analysis: Analysis, targets: Targets) -> Bands:
         theta_i_deg=targets.theta_i_deg, phi_r_deg=targets.phi_r_deg,
         theta_r_deg=0.0 if targets.hemispherical else targets.theta_r_deg,
     )  # fmt: skip
-    posterior = posterior_of(analysis)
+    posterior = analysis.posterior()
     picked, rng = drawn_sets(analysis, posterior.parameter_names, N_BAND_DRAWS)
     best = analysis.summary["parameters"]
     x_map = np.array([best[name]["map"] for name in posterior.parameter_names])

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from pbrdf_bayes.analysis import load_analysis
 from pbrdf_bayes.errors import ConfigError, DomainError
 from pbrdf_bayes.io.run_folder import (
-    load_analysis,
     locked,
     refuse_other_content,
     write_bytes,

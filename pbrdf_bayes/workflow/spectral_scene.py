@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
+from pbrdf_bayes.analysis import Analysis
 from pbrdf_bayes.errors import ConfigError
-from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.scene.prediction import predict_scene, same_wavelength
 from pbrdf_bayes.scenes import Scene, SceneValues
 

@@ -1,4 +1,4 @@
-"""The arrays of a run as one tree, and the measurement back out of it."""
+"""The arrays of a run as one tree."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from pbrdf_bayes.inference.posterior import Posterior, build_posterior
 from pbrdf_bayes.inference.prediction.bands import (
     expand_scales,
     replicate_brdf,
@@ -17,9 +16,8 @@ from pbrdf_bayes.inference.prediction.bands import (
     targets_at,
 )
 from pbrdf_bayes.inference.prediction.scan_widths import ScanWidths
-from pbrdf_bayes.io.config_toml import config_from_table
-from pbrdf_bayes.measurement import Measurement, measurement_from_columns
-from pbrdf_bayes.results import QUANTILES, Analysis
+from pbrdf_bayes.io.measurement_arrays import measurement_datasets
+from pbrdf_bayes.results import QUANTILES
 from pbrdf_bayes.workflow.stages import Stages
 
 Array = NDArray[np.float64]
@@ -50,8 +48,7 @@ def build_tree(s: Stages) -> xr.DataTree:
             coords={**_index("chain", 1), **_index("draw", _N_PRIOR)},
         ),
         "posterior_predictive": _predictive(s),
-        "observed_data": _observed(s.posterior.measurement),
-        "constant_data": _constant(s),
+        **_measured(s),
         "leave_one_out": _leave_one_out(s),
         "curves": _curves(s),
         "dhr_curves": _dhr_curves(s),
@@ -60,7 +57,7 @@ def build_tree(s: Stages) -> xr.DataTree:
     if s.holdout is not None:
         groups["holdout"] = xr.Dataset(
             {
-                "scan": ("holdout_obs", s.holdout.scan.astype(object)),
+                "scan": ("holdout_obs", s.holdout.scan),
                 "theta_r_deg": ("holdout_obs", s.holdout.theta_r_deg),
                 "value": ("holdout_obs", s.holdout.value),
                 "predictive_band": (("holdout_obs", "quantile"), s.holdout.predictive_band),
@@ -93,40 +90,15 @@ def _predictive(s: Stages) -> xr.Dataset:
     )
 
 
-def _observed(m: Measurement) -> xr.Dataset:
-    return xr.Dataset({"brdf": ("brdf_obs", m.brdf.value), "dhr": ("dhr_obs", m.dhr.value)})
-
-
-def _constant(s: Stages) -> xr.Dataset:
-    m = s.posterior.measurement
+def _measured(s: Stages) -> dict[str, xr.Dataset]:
+    """The measurement, and the model at its rows: at the MAP, at the least-squares optimum."""
+    groups = measurement_datasets(s.posterior.measurement)
     brdf, dhr = s.posterior.predict(s.optima.best.x[None, :])
-    scan = np.repeat(np.arange(len(m.scans)), [len(scan) for scan in m.scans])
-    best = m.brdf.value / 10.0**s.best_dex
-    labels = np.array([scan.label for scan in m.scans], dtype=object)
-    over_brdf = {
-        "brdf_polarization": m.brdf.polarization.astype(object),
-        "brdf_theta_i_deg": m.brdf.theta_i_deg,
-        "brdf_theta_r_deg": m.brdf.theta_r_deg,
-        "brdf_phi_r_deg": m.brdf.phi_r_deg,
-        "brdf_scan": scan,
-        "brdf_u": m.brdf.u_value,
-        "brdf_repeated": m.brdf.repeated,
-        "brdf_row": m.brdf.row,
-        "brdf_map": brdf[0],
-        "brdf_best": best,
-    }
-    over_dhr = {
-        "dhr_polarization": m.dhr.polarization.astype(object),
-        "dhr_theta_i_deg": m.dhr.theta_i_deg,
-        "dhr_u": m.dhr.u_value,
-        "dhr_row": m.dhr.row,
-        "dhr_map": dhr[0],
-    }
-    return xr.Dataset(
-        {name: ("brdf_obs", values) for name, values in over_brdf.items()}
-        | {name: ("dhr_obs", values) for name, values in over_dhr.items()},
-        coords={"scan": ("scan", labels)},
+    best = s.posterior.measurement.brdf.value / 10.0**s.best_dex
+    groups["constant_data"] = groups["constant_data"].assign(
+        brdf_map=("brdf_obs", brdf[0]), brdf_best=("brdf_obs", best), dhr_map=("dhr_obs", dhr[0])
     )
+    return groups
 
 
 def _leave_one_out(s: Stages) -> xr.Dataset:
@@ -157,7 +129,7 @@ def _curves(s: Stages) -> xr.Dataset:
         coords={
             "theta_r_deg": targets.theta_r_deg[:n_angles],
             "quantile": np.array(QUANTILES),
-            "curve_polarization": ("curve", first(targets.polarization).astype(object)),
+            "curve_polarization": ("curve", first(targets.polarization)),
             "curve_theta_i_deg": ("curve", first(targets.theta_i_deg)),
             "curve_phi_r_deg": ("curve", first(targets.phi_r_deg)),
             "curve_measured": ("curve", first(measured)),
@@ -182,7 +154,7 @@ def _dhr_curves(s: Stages) -> xr.Dataset:
             "map": (("polarization", "theta_i_deg"), bands.at_map.reshape(shape)),
         },
         coords={
-            "polarization": np.array(words, dtype=object),
+            "polarization": np.array(words),
             "theta_i_deg": targets.theta_i_deg.reshape(shape)[0],
             "quantile": np.array(QUANTILES),
         },
@@ -194,43 +166,8 @@ def _widths(found: ScanWidths) -> xr.Dataset:
     return xr.Dataset(
         {"model_band": ((*dims, "quantile"), found.band), "map": (dims, found.at_map)},
         coords={
-            "polarization": np.array(found.polarizations, dtype=object),
+            "polarization": np.array(found.polarizations),
             "theta_i_deg": found.theta_i_deg,
             "quantile": np.array(QUANTILES),
         },
     )
-
-
-def measurement_of(analysis: Analysis) -> Measurement:
-    """The measurement a run was made from, out of its arrays."""
-    seen = analysis.draws["observed_data"].to_dataset()
-    fixed = analysis.draws["constant_data"].to_dataset()
-    n_brdf, n_dhr = seen["brdf"].size, seen["dhr"].size
-    labels = [str(label) for label in fixed["scan"].values]
-    scan = [labels[int(i)] for i in fixed["brdf_scan"].values]
-
-    def both(name: str, dhr_fill: float | None = None) -> Array:
-        dhr = np.full(n_dhr, dhr_fill) if dhr_fill is not None else fixed[f"dhr_{name}"].values
-        return np.concatenate([fixed[f"brdf_{name}"].values, dhr])
-
-    return measurement_from_columns(
-        sample=str(analysis.summary["sample"]),
-        wavelength_um=float(analysis.summary["wavelength_um"]),
-        quantity=["brdf"] * n_brdf + ["dhr"] * n_dhr,
-        polarization=both("polarization").astype(str),
-        theta_i_deg=both("theta_i_deg"),
-        theta_r_deg=both("theta_r_deg", np.nan),
-        phi_r_deg=both("phi_r_deg", 0.0),
-        value=np.concatenate([seen["brdf"].values, seen["dhr"].values]),
-        sigma=both("u"),
-        scan=scan + [""] * n_dhr,
-        row=both("row"),
-        source=str(analysis.summary["input"]["file"]),
-        sha256=str(analysis.summary["input"]["sha256"]),
-    )
-
-
-def posterior_of(analysis: Analysis) -> Posterior:
-    """The posterior that a run has drawn from, built again from its arrays and its choices."""
-    config = config_from_table(analysis.summary["config"])
-    return build_posterior(measurement_of(analysis), config)

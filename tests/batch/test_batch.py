@@ -37,7 +37,7 @@ from pbrdf_bayes.batch.own_report import is_own_report, note_report
 from pbrdf_bayes.batch.plan import Job, in_order, plan_batch
 from pbrdf_bayes.batch.progress import Progress
 from pbrdf_bayes.batch.terminal import sample_line, teller
-from pbrdf_bayes.batch.work import Task, run_task
+from pbrdf_bayes.batch.work import Task, finished_before, run_task
 from pbrdf_bayes.cli import main
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.io.checkpoint import write_checkpoint
@@ -365,6 +365,37 @@ def test_a_damaged_note_protects_the_report(tmp_path):
     assert is_own_report(tmp_path)
     (tmp_path / ".batch_report").write_bytes(b"\xff\x00")
     assert not is_own_report(tmp_path)
+
+
+@pytest.mark.parametrize("how", ["missing", "cut", "altered", "issued"])
+def test_a_damaged_run_is_fitted_again_and_the_row_says_why(how, tmp_path):
+    """But for one whose report was made by other means: it is kept, and the sample has failed."""
+    file = write_samples(tmp_path / "one.csv", ["one"])
+    config = pb.RunConfig(accuracy="draft", holdout="none", noise="iid", threads=1)
+    (job,) = plan_batch([file], config, seed=1)
+    out = tmp_path / "out"
+    out.mkdir()
+    task = Task(job, out, config, 1, shared_folder.leave_mark(out))
+    assert run_task(task)["status"] == "done"
+    assert finished_before(out, job, task.paperwork)["status"] == "skipped"
+    stored = out / job.folder / "posterior.nc"
+    content = stored.read_bytes()
+    stored.unlink()
+    if how != "missing":
+        stored.write_bytes(content[:-1] if how == "cut" else bytes([content[0] ^ 1]) + content[1:])
+    if how == "issued":
+        (out / job.folder / "report.html").write_text("issued")
+        row = finished_before(out, job, task.paperwork)
+        assert row["status"] == "failed"
+        assert "made by other means" in row["error"]
+        return
+    assert finished_before(out, job, task.paperwork) is None
+    row = run_task(task)
+    assert row["status"] == "done"
+    assert "posterior.nc" in row["notice"]
+    assert "fitted again" in row["notice"]
+    assert stored.read_bytes() == content
+    assert finished_before(out, job, task.paperwork)["notice"] is None
 
 
 def test_a_link_out_of_the_folder_is_refused(tmp_path, quick, capsys, signals_as_before):

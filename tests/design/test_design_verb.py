@@ -12,11 +12,12 @@ from typing import Any
 import pytest
 
 import pbrdf_bayes as pb
+from pbrdf_bayes.analysis import load_analysis
 from pbrdf_bayes.cli import build_parser, main
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.design.candidates import Costs
 from pbrdf_bayes.errors import RunFolderError
-from pbrdf_bayes.io.run_folder import load_analysis, locked, validate_design
+from pbrdf_bayes.io.run_folder import locked, validate_design
 from pbrdf_bayes.verbs.design import best_table
 from pbrdf_bayes.verbs.terminal import counter
 from pbrdf_bayes.workflow.candidates_csv import read_candidates

@@ -18,7 +18,6 @@ from pbrdf_bayes.design.summary import summarise_design
 from pbrdf_bayes.measurement import Measurement, measurement_from_columns
 from pbrdf_bayes.model.simulate import GREEN_PAINT
 from pbrdf_bayes.results import draws_of_run
-from pbrdf_bayes.workflow.tree import posterior_of
 
 SCAN = np.arange(-80.0, 81.0, 8.0)
 GOALS = tuple(parse_goal(text) for text in ("scan:p:70", "ratio:60:60", "dhr:s:70"))
@@ -50,7 +49,7 @@ def measured(*scans: tuple[str, float]) -> Measurement:
 
 def beliefs_after(*scans: tuple[str, float]) -> Beliefs:
     done = pb.fit(measured(*scans), CONFIG, seed=1)
-    posterior = posterior_of(done)
+    posterior = done.posterior()
     draws = draws_of_run(done, posterior.parameter_names)
     return beliefs_of_run(posterior, draws.reshape(-1, posterior.n_par))
 

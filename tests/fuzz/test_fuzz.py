@@ -10,9 +10,9 @@ from types import ModuleType
 
 import pytest
 
+from pbrdf_bayes.analysis import load_analysis
 from pbrdf_bayes.errors import DataError, RunFolderError
 from pbrdf_bayes.io import csv_table
-from pbrdf_bayes.io.run_folder import load_analysis
 from pbrdf_bayes.io.tidy_csv import read_samples
 
 

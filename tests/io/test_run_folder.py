@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 import os
+import re
 import shutil
 import stat
 import subprocess
@@ -21,12 +23,13 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import pbrdf_bayes as pb
+from pbrdf_bayes.analysis import load_analysis
+from pbrdf_bayes.cli import main
 from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.io import run_folder
-from pbrdf_bayes.io.netcdf_tree import tree_bytes
+from pbrdf_bayes.io.locks import GO_ON, only_one_at_a_time
 from pbrdf_bayes.io.run_folder import (
     is_finished,
-    load_analysis,
     load_summary,
     locked,
     new_run_folder,
@@ -50,6 +53,14 @@ def run(finished_run: Path, tmp_path: Path) -> Path:
 @pytest.fixture(scope="module")
 def loaded(finished_run: Path) -> Analysis:
     return load_analysis(finished_run)
+
+
+def damage(path: Path, how: str) -> None:
+    """Take a file away, cut or empty it, or flip one bit in its middle."""
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    kept = {"cut": len(content) // 3, "empty": 0}.get(how, len(content))
+    path.unlink() if how == "missing" else path.write_bytes(content[:kept])
 
 
 def visible(folder: Path) -> set[str]:
@@ -176,28 +187,92 @@ def test_one_bit_of_a_draw_is_noticed(run: Path) -> None:
         load_analysis(run)
 
 
-def test_a_run_without_a_checksum_is_read(run: Path) -> None:
-    """As an earlier version wrote it."""
+def as_0_1(run: Path) -> None:
+    """Make a run what version 0.1 would have stored."""
+    with xr.open_datatree((run / "posterior.nc").read_bytes(), engine="h5netcdf") as tree:
+        draws = tree.load()
+    fixed = draws["constant_data"].to_dataset()
+    fixed.attrs.clear()
+    dropped = [name for name in fixed.data_vars if str(name).startswith(("scan_", "dhr_rep"))]
+    draws["constant_data"] = xr.DataTree(fixed.drop_vars(dropped))
+    content = bytes(draws.to_netcdf(engine="h5netcdf"))
+    (run / "posterior.nc").write_bytes(content)
     summary = json.loads((run / "summary.json").read_text(encoding="utf-8"))
-    assert len(summary.pop("posterior_sha256")) == 64
+    del summary["files"]
+    summary["posterior_sha256"] = hashlib.sha256(content).hexdigest()
     (run / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
-    assert load_analysis(run).summary == summary
+
+
+def test_a_run_of_version_0_1_is_read_or_refused_by_its_version(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    as_0_1(run)
+    found = load_analysis(run)
+    assert set(found.summary["files"]) == {"posterior.nc"}
+    assert main(["report", str(run)]) == 0
+    assert main(["predict", str(run), "--theta-i", "20"]) == 2
+    assert found.summary["versions"]["pbrdf-bayes"] in capsys.readouterr().err
+    (run / "posterior.nc").write_bytes(b"cut")
+    assert main(["report", str(run)]) == 2
+
+
+LIMITS = '[[limit]]\nname = "a"\nparameter = "n"\nupper = 2.0\n'
 
 
 @pytest.mark.parametrize("name", ["posterior.nc", "config.toml"])
-@pytest.mark.parametrize("how", ["missing", "cut", "empty"])
-def test_a_missing_or_damaged_file_is_an_error_with_advice(run: Path, name: str, how: str) -> None:
-    path = run / name
-    if how == "missing":
-        path.unlink()
-    else:
-        content = path.read_bytes()
-        path.write_bytes(content[: len(content) // 3] if how == "cut" else b"")
-    if name == "config.toml" and how != "missing":
-        load_analysis(run)  # text is text: the values used are those of the summary
-        return
-    with pytest.raises(RunFolderError, match=r"the run is damaged .*Fit again into another folder"):
+@pytest.mark.parametrize("how", ["missing", "cut", "empty", "altered"])
+def test_whatever_reads_a_run_finds_its_damage(
+    name: str, how: str, run: Path, small_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Report, predict, design, conform refuse it, as the run and as the reference; nothing else."""
+    limits = run.parent / "limits.toml"
+    limits.write_text(LIMITS)
+    damage(run / name, how)
+    before = {path.name: path.read_bytes() for path in run.iterdir()}
+    with pytest.raises(RunFolderError, match=re.escape(name)):
         load_analysis(run)
+    difference = limits.with_name("difference.toml")
+    difference.write_text(LIMITS.replace("limit", "difference").replace("upper", "tolerance"))
+    for arguments in (
+        ["report", run], ["predict", run], ["design", run], ["conform", run, "--limits", limits],
+        ["fit", small_csv, "--out", run.parent / "new", "--limits", difference, "--reference", run],
+    ):  # fmt: skip
+        assert main([str(word) for word in arguments]) == 2
+        told = capsys.readouterr().err
+        assert f"{run}: the run is damaged ({name} " in told
+        assert "--resume" in told
+    assert {path.name: path.read_bytes() for path in run.iterdir()} == before
+    assert not (run.parent / "new").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "how"),
+    [("posterior.nc", "missing"), ("posterior.nc", "cut"), ("posterior.nc", "altered"),
+     ("config.toml", "altered")],
+)  # fmt: skip
+def test_resume_fits_a_damaged_run_again_and_says_so(
+    name: str, how: str, run: Path, small_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also where progress is quiet; the draws are those that were lost."""
+    before = load_analysis(run)
+    damage(run / name, how)
+    arguments = ["fit", str(small_csv), "--accuracy", "draft", "--out", str(run), "--resume"]
+    assert main([*arguments, "--seed", "2"]) == 2  # another run is not replaced
+    assert main([*arguments, "--quiet"]) == 0
+    told = capsys.readouterr()
+    assert told.out == f"{run}\n"
+    notice = told.err.splitlines()[-1]
+    assert f"{name} " in notice
+    assert "fitted again" in notice
+    assert notice.removeprefix("pbrdf-bayes fit: ") in (run / "log.txt").read_text("utf-8")
+    again = load_analysis(run)
+    xr.testing.assert_identical(
+        again.draws["posterior"].to_dataset(), before.draws["posterior"].to_dataset()
+    )
+    stored = (run / "summary.json").stat().st_mtime_ns
+    assert main([*arguments, "--quiet"]) == 0
+    assert capsys.readouterr().err == ""
+    assert (run / "summary.json").stat().st_mtime_ns == stored
 
 
 # --------------------------------------------------------------------------------------- atomicity
@@ -377,6 +452,41 @@ def test_the_lock_is_given_back_after_an_error(tmp_path: Path) -> None:
         pass
 
 
+@pytest.mark.skipif(os.name == "nt", reason="flock")
+@pytest.mark.parametrize("code", [errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EACCES])
+def test_a_file_system_that_cannot_lock_is_not_another_process(
+    code: int, run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import fcntl
+
+    def fail(*_: object) -> None:
+        raise OSError(code, os.strerror(code))
+
+    monkeypatch.setattr(fcntl, "flock", fail)
+    assert main(["report", str(run)]) == 2
+    told = capsys.readouterr().err
+    assert os.strerror(code) in told
+    assert "another process is writing" not in told
+    assert f"{GO_ON}=1" in told
+    monkeypatch.setenv(GO_ON, "1")
+    assert main(["report", str(run)]) == 0
+    with only_one_at_a_time(run / "other.lock"):  # goes on by itself
+        pass
+
+
+@pytest.mark.skipif(os.name == "nt", reason="flock")
+def test_a_lock_that_is_held_is_not_waived(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import fcntl
+
+    def fail(*_: object) -> None:
+        raise OSError(errno.EWOULDBLOCK, os.strerror(errno.EWOULDBLOCK))
+
+    monkeypatch.setattr(fcntl, "flock", fail)
+    monkeypatch.setenv(GO_ON, "1")
+    with pytest.raises(RunFolderError, match="another process"), locked(tmp_path):
+        pytest.fail("locked")
+
+
 def test_a_lock_inside_a_lock_is_refused(tmp_path: Path) -> None:
     with (
         locked(tmp_path),
@@ -467,28 +577,6 @@ def test_errors_of_the_run_folder_are_ours() -> None:
     assert RunFolderError.exit_code == 2
 
 
-def test_the_tree_is_written_as_xarray_writes_it(loaded: Analysis, tmp_path: Path) -> None:
-    """Values, types, order and attributes of every variable, against xarray's own writer."""
-    trees = []
-    for name, content in (
-        ("own.nc", tree_bytes(loaded.draws)),
-        ("theirs.nc", bytes(loaded.draws.to_netcdf(engine="h5netcdf"))),
-    ):
-        (tmp_path / name).write_bytes(content)
-        with xr.open_datatree(tmp_path / name, engine="h5netcdf") as tree:
-            trees.append(tree.load())
-    own, theirs = trees
-    assert list(own.children) == list(theirs.children)
-    for name in own.children:
-        a, b = own[name].to_dataset(), theirs[name].to_dataset()
-        xr.testing.assert_identical(a, b)
-        assert list(a.variables) == list(b.variables)
-        for key in a.variables:
-            assert a[key].dtype == b[key].dtype, (name, key)
-            for what in ("dtype", "coordinates", "_FillValue"):
-                assert str(a[key].encoding.get(what)) == str(b[key].encoding.get(what)), (name, key)
-
-
 @pytest.mark.parametrize("raised", [AttributeError, KeyError, RuntimeError, TypeError])
 def test_whatever_a_damaged_file_makes_the_reader_raise_is_one_error(
     finished_run, monkeypatch, raised
@@ -499,5 +587,5 @@ def test_whatever_a_damaged_file_makes_the_reader_raise_is_one_error(
         raise raised("no attribute")
 
     monkeypatch.setattr(run_folder.xr, "open_datatree", fail)
-    with pytest.raises(RunFolderError, match=r"damaged .*Fit again into another folder"):
+    with pytest.raises(RunFolderError, match=r"damaged .*--resume"):
         load_analysis(finished_run)

@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 import pbrdf_bayes as pb
+from pbrdf_bayes.analysis import load_analysis
 from pbrdf_bayes.inference.prediction.bands import Targets
-from pbrdf_bayes.io.run_folder import load_analysis
 from pbrdf_bayes.model.effects import Effects
 from pbrdf_bayes.scene import prediction as scene_prediction
 from pbrdf_bayes.scene.axial import axial_quantiles, mirrored

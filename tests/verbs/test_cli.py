@@ -26,8 +26,8 @@ import pytest
 import xarray as xr
 
 import pbrdf_bayes as pb
+from pbrdf_bayes.analysis import load_analysis
 from pbrdf_bayes.cli import build_parser, main
-from pbrdf_bayes.io.run_folder import load_analysis
 from pbrdf_bayes.records.checks import Finding
 from pbrdf_bayes.workflow.prediction import COLUMNS
 

@@ -16,13 +16,14 @@ from arviz_stats import ess, rhat
 from arviz_stats import summary as arviz_summary
 
 import pbrdf_bayes as pb
+from pbrdf_bayes.analysis import Analysis, load_analysis
 from pbrdf_bayes.errors import RunFolderError
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.prediction.bands import Targets
-from pbrdf_bayes.io.run_folder import load_analysis, save_analysis, validate_summary
+from pbrdf_bayes.io.run_folder import save_analysis, validate_summary
 from pbrdf_bayes.measurement import select_scans
 from pbrdf_bayes.records.values import plain
-from pbrdf_bayes.results import QUANTILES, Analysis
+from pbrdf_bayes.results import QUANTILES
 from pbrdf_bayes.words import say
 from pbrdf_bayes.workflow.curves import angles_between
 from pbrdf_bayes.workflow.fitting import (
@@ -101,6 +102,19 @@ def test_draws_in_memory_and_on_disk_are_the_same(
         xr.testing.assert_identical(
             loaded.draws[name].to_dataset(), analysis.draws[name].to_dataset()
         )
+
+
+def test_a_stored_run_has_the_posterior_that_was_fitted(
+    analysis: Analysis, loaded: Analysis, measurement: pb.Measurement
+) -> None:
+    x = np.stack([analysis.draws["posterior"][name].values[0, :50] for name in NAMES], axis=1)
+    again, fitted = loaded.posterior(), analysis.posterior()
+    assert again.log_prob(x).tobytes() == fitted.log_prob(x).tobytes()
+    lp = again.log_prob_coordinates(again.to_coordinates(x))
+    np.testing.assert_allclose(lp, analysis.draws["sample_stats"]["lp"].values[0, :50], rtol=1e-9)
+    assert (loaded.measurement.scans, loaded.measurement.sha256) == (
+        measurement.scans, measurement.sha256,
+    )  # fmt: skip
 
 
 def test_the_summary_validates_and_matches_the_draws(analysis: Analysis) -> None:

@@ -23,9 +23,10 @@ import pytest
 import xarray as xr
 
 import pbrdf_bayes as pb
+from pbrdf_bayes.analysis import load_analysis
 from pbrdf_bayes.cli import main
+from pbrdf_bayes.inference.effects_choice.choose import as_chosen
 from pbrdf_bayes.io.checkpoint import read_checkpoint
-from pbrdf_bayes.io.run_folder import load_analysis
 from pbrdf_bayes.workflow import resume
 from pbrdf_bayes.workflow.fitting import fit_file
 
@@ -379,7 +380,13 @@ def test_a_finished_run_that_chose_its_effects_does_not_choose_again(
     pb.write_tidy_csv(measurement, csv)
     config = pb.RunConfig(effects=("auto",), accuracy="draft", holdout=False)
     first = fit_file(csv, config, out=out, seed=1)
-    assert load_analysis(out).summary["effects_choice"]["candidates"]
+    found = load_analysis(out)
+    told, readings = found.summary, pb.read_measurement(csv)
+    assert told["effects_choice"]["candidates"]
+    choice = {"effects": tuple(told["effects"]), "line_shape": told["line_shape"]}
+    fitted = pb.build_posterior(readings, as_chosen(readings, config, **choice))
+    x = fitted.sample_prior(np.random.default_rng(1), 5)
+    assert found.posterior().log_prob(x).tobytes() == fitted.log_prob(x).tobytes()
 
     def choose(*_: object, **__: object) -> None:
         pytest.fail("chosen once more")

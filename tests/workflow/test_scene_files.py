@@ -16,8 +16,8 @@ import pytest
 import xarray as xr
 
 import pbrdf_bayes as pb
+from pbrdf_bayes.analysis import load_analysis
 from pbrdf_bayes.cli import main
-from pbrdf_bayes.io.run_folder import load_analysis
 from pbrdf_bayes.io.scene_arrays import COLUMNS, scene_csv, scene_dataset
 from pbrdf_bayes.io.scene_toml import read_scene
 from pbrdf_bayes.report.figures.scene import scene_pictures

@@ -13,8 +13,8 @@ import pytest
 import xarray as xr
 
 import pbrdf_bayes as pb
+from pbrdf_bayes.analysis import load_analysis
 from pbrdf_bayes.cli import main
-from pbrdf_bayes.io.run_folder import load_analysis
 from pbrdf_bayes.workflow.fitting import fit_file
 
 pytestmark = pytest.mark.usefixtures("signals_as_before")

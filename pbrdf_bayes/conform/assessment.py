@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.analysis import Analysis
 from pbrdf_bayes.conform.conformity import (
     Judged,
     Measurand,
@@ -20,17 +21,16 @@ from pbrdf_bayes.conform.conformity import (
     judge_limits,
     probability_of_not,
 )
+from pbrdf_bayes.conform.measurands import Sample, draw_measurands, sample_of
 from pbrdf_bayes.effects_table import EFFECT_PARAMETERS
 from pbrdf_bayes.errors import ConfigError, DomainError
 from pbrdf_bayes.model.four_parameter import DOMAIN, MAX_THETA_I_DEG, checked_angles
 from pbrdf_bayes.quantities import QUANTITIES
 from pbrdf_bayes.records.summary import Conformity, LimitVerdict, Rule, RunIdentity
 from pbrdf_bayes.records.values import plain
-from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.specification import Limit, Specification, one_of
 from pbrdf_bayes.verdicts.applicability import APPLIES, DOES_NOT_APPLY
 from pbrdf_bayes.words import say
-from pbrdf_bayes.workflow.measurands import Sample, draw_measurands, sample_of
 
 Array = NDArray[np.float64]
 

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.analysis import Analysis
 from pbrdf_bayes.config import ACCURACIES
 from pbrdf_bayes.conform.conformity import ESS_FINEST
 from pbrdf_bayes.effects_table import INSTRUMENT_PARAMETERS
@@ -33,10 +34,9 @@ from pbrdf_bayes.measurement import name_half_plane
 from pbrdf_bayes.model.four_parameter import DOMAIN, digits_of
 from pbrdf_bayes.physics.geometry import prepare_geometry
 from pbrdf_bayes.physics.scene import FIELDS
-from pbrdf_bayes.results import Analysis, draws_of_run
+from pbrdf_bayes.results import draws_of_run
 from pbrdf_bayes.scene.prediction import DrawnModel
 from pbrdf_bayes.specification import Limit
-from pbrdf_bayes.workflow.tree import posterior_of
 
 Array = NDArray[np.float64]
 Key = tuple[float, float, str]
@@ -84,7 +84,7 @@ def sample_of(analysis: Analysis, *, n_points: int = 1) -> Sample:
     Twice as many are kept as there are effective ones; fewer, at least 4000, where limits with
     ``n_points`` points would take too much memory.
     """
-    posterior = posterior_of(analysis)
+    posterior = analysis.posterior()
     cube = draws_of_run(analysis, posterior.parameter_names)
     wanted = min(max(2.0 * _ess_of_run(analysis), _DRAWS), _draws_for(n_points))
     step = ceil(cube.shape[0] * cube.shape[1] / wanted)

@@ -17,22 +17,21 @@ import xarray as xr
 from scipy.stats import norm
 
 import pbrdf_bayes as pb
+from pbrdf_bayes.analysis import Analysis, load_analysis
 from pbrdf_bayes.cli import main
+from pbrdf_bayes.conform.assessment import assess_conformity, prior_shares
+from pbrdf_bayes.conform.measurands import draw_measurands, sample_of
 from pbrdf_bayes.document import Document, fill_in, refuse_shared_items, run_number
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.io.document_toml import read_document
 from pbrdf_bayes.io.limits_toml import read_limits, specification_from_table
 from pbrdf_bayes.io.print_pdf import find_browser, print_pdf
-from pbrdf_bayes.io.run_folder import load_analysis
 from pbrdf_bayes.measurement import measurement_from_columns
 from pbrdf_bayes.report import render_report
 from pbrdf_bayes.report.document import css_string
-from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.specification import DecisionRule, Limit, Specification
 from pbrdf_bayes.verbs.conform import text_table
-from pbrdf_bayes.workflow.assessment import assess_conformity, prior_shares
 from pbrdf_bayes.workflow.fitting import fit_file
-from pbrdf_bayes.workflow.measurands import draw_measurands, sample_of
 
 pytestmark = pytest.mark.usefixtures("signals_as_before")
 
