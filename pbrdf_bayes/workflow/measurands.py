@@ -26,8 +26,11 @@ from numpy.typing import NDArray
 from pbrdf_bayes.config import ACCURACIES
 from pbrdf_bayes.conform.conformity import ESS_FINEST
 from pbrdf_bayes.inference.posterior import Posterior
-from pbrdf_bayes.inference.prediction.discrepancy import Process, draw_prior_discrepancy
-from pbrdf_bayes.inference.prediction.discrepancy_paths import draw_paths_given
+from pbrdf_bayes.inference.prediction.discrepancy import (
+    Process,
+    draw_paths_given,
+    draw_prior_discrepancy,
+)
 from pbrdf_bayes.measurement import name_half_plane
 from pbrdf_bayes.model.effects import INSTRUMENT_FIELDS
 from pbrdf_bayes.model.four_parameter import DOMAIN, digits_of
