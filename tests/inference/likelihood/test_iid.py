@@ -14,10 +14,10 @@ import mpmath
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from pbrdf_bayes.inference.likelihood.independent import log_normal_cdf
 from scipy import integrate, stats
 
 import pbrdf_bayes as pb
+from pbrdf_bayes.inference.likelihood.independent import log_normal_cdf
 from pbrdf_bayes.measurement import Measurement, Scan, select_scans
 from pbrdf_bayes.model.simulate import simulate_measurement
 
