@@ -36,6 +36,7 @@ from pbrdf_bayes.physics.given import NOTHING_GIVEN, Given
 from pbrdf_bayes.physics.hemispherical import conserves_energy
 from pbrdf_bayes.physics.scattering import evaluate_scene, evaluate_with_effects
 from pbrdf_bayes.physics.scene import Scene
+from pbrdf_bayes.quantities import POLARIZATIONS
 
 Array = NDArray[np.float64]
 
@@ -363,9 +364,7 @@ def build_posterior(measurement: Measurement, config: RunConfig) -> Posterior:
     )
     rows = prepare_rows(
         measurement,
-        noise_columns={
-            q: columns[f"s_rel_{q}"] for q in ("s", "p", "u") if f"s_rel_{q}" in columns
-        },
+        noise_columns={q: columns[f"s_rel_{q}"] for q in POLARIZATIONS if f"s_rel_{q}" in columns},
         dhr_noise_column=columns.get("u_dhr", -1),
         floor=config.brdf_floor,
         u_cal=RELATIVE_SCALE if config.brdf_scale == "relative" else config.u_brdf_cal,

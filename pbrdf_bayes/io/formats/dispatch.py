@@ -38,6 +38,7 @@ from pbrdf_bayes.io.formats.content import (
 )
 from pbrdf_bayes.io.tidy_columns import COLUMNS, REQUIRED
 from pbrdf_bayes.io.tidy_writer import tidy_text
+from pbrdf_bayes.quantities import POLARIZATIONS
 
 READERS: tuple[ModuleType, ...] = (
     bird, astm, zemax, lighttools, fred, rt300s, perkinelmer, ecostress, cary, table, spectrum,
@@ -52,7 +53,7 @@ _NOT_READ = (
     (b"#DIM ", "ALTA", _TEXT_INSTEAD),
 )
 _CHOICES = {
-    "format": FORMATS, "polarization": ("s", "p", "u"), "forward": ("phi0", "phi180"),
+    "format": FORMATS, "polarization": POLARIZATIONS, "forward": ("phi0", "phi180"),
     "value": ("brdf", "brf", "brdf_cos"), "unit": ("fraction", "percent"),
 }  # fmt: skip
 
