@@ -58,8 +58,8 @@ from pbrdf_bayes.measurement import (
 )
 
 __all__ = [
-    "TidyFile", "import_readings", "read_measurement", "read_samples", "read_usable_samples",
-    "write_tidy_csv",
+    "TidyFile", "import_readings", "import_to_csv", "read_measurement", "read_samples",
+    "read_usable_samples", "write_tidy_csv",
 ]  # fmt: skip
 
 Key = tuple[str, float]

@@ -114,7 +114,8 @@ class Content:
 
     def refuse(self, reason: str) -> NoReturn:
         """Raise that the file is wrong."""
-        msg = f"{printable(self.path)}: {reason}. Nothing was read."
+        end = "" if reason.endswith(("?", ".")) else "."
+        msg = f"{printable(self.path)}: {reason}{end} Nothing was read."
         raise DataError(msg)
 
     def ask(self, what: str, option: str) -> NoReturn:
