@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -480,6 +481,18 @@ def test_sample_and_wavelength_are_chosen(write):
 def test_choice_that_is_not_there(write, choice, expected):
     with pytest.raises(DataError, match=re.escape(expected)):
         read_measurement(write(TWO), **choice)
+
+
+def test_a_data_frame_is_read_as_its_csv(write):
+    file = write(TWO)
+    frame = pd.read_csv(file)
+    for choice in ({"sample": "green"}, {"sample": "red", "wavelength_um": 4.5}):
+        m, of_frame = read_measurement(file, **choice), read_measurement(frame, **choice)
+        for name in ("value", "theta_r_deg", "polarization", "row"):
+            np.testing.assert_array_equal(getattr(m.brdf, name), getattr(of_frame.brdf, name))
+        assert of_frame.dhr.value.tolist() == m.dhr.value.tolist()
+    with pytest.raises(DataError, match="line 2, column value"):
+        read_measurement(frame.assign(value=-1.0), sample="green")
 
 
 def test_read_samples_gives_all_of_them(write):

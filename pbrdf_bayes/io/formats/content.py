@@ -16,10 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 from pbrdf_bayes.errors import DataError
 from pbrdf_bayes.io.problems import printable, show_cell
 
-MOST_BYTES = 64 * 2**20
+MOST_BYTES = 32 * 2**20
 """Largest file of a foreign format that is read."""
 MOST_READINGS = 1_000_000
-MOST_LINES = 3_000_000
+MOST_LINES = 1_000_000
+MOST_WORDS = 2_000_000
 _BOMS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe", "utf-16-le"), (b"\xfe\xff", "utf-16-be"))
 
 
@@ -214,6 +215,16 @@ def named_wavelength_um(text: str) -> float | None:
     if not match or (value := float(match[1].replace(",", "."))) <= 0:
         return None
     return value / 1000.0 if match[2].lower() == "nm" else value
+
+
+def numbered_words(content: Content) -> list[tuple[int, str]]:
+    """Words with the lines they stand on, without comments after ``#``."""
+    found: list[tuple[int, str]] = []
+    for number, line in enumerate(content.lines, start=1):
+        found += [(number, word) for word in line.partition("#")[0].split()]
+        if len(found) > MOST_WORDS:
+            content.refuse(f"more than {MOST_WORDS} words (allowed: up to that)")
+    return found
 
 
 def keyed_lines(lines: Sequence[str]) -> Iterator[tuple[int, str, str]]:

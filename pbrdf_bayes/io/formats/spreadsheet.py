@@ -13,7 +13,7 @@ from pbrdf_bayes.errors import DataError
 from pbrdf_bayes.io.formats.content import Content
 
 XLSX, XLS = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"
-_MOST_ROWS, _MOST_CELLS, _MOST_UNPACKED = 200_000, 5_000_000, 256 * 2**20
+_MOST_ROWS, _MOST_CELLS, _MOST_UNPACKED = 200_000, 2_000_000, 256 * 2**20
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+(?:[eE][-+]?\d+)?")
 
 
@@ -86,6 +86,8 @@ def _split(content: Content) -> list[list[str]]:
         if counts[better] >= max(2, 0.6 * counts[separator]):
             separator = better
             break
+    if content.text.count(separator) > _MOST_CELLS:
+        content.refuse(f"more than {_MOST_CELLS} cells (allowed: up to that)")
     if not counts[separator]:
         rows = [line.split() for line in lines]
     else:
