@@ -20,7 +20,7 @@ MOST_BYTES = 32 * 2**20
 """Largest file of a foreign format that is read."""
 MOST_READINGS = 1_000_000
 MOST_LINES = 1_000_000
-MOST_WORDS = 2_000_000
+MOST_LINE, MOST_WORDS = 2**20, 2_000_000
 _BOMS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe", "utf-16-le"), (b"\xfe\xff", "utf-16-be"))
 
 
@@ -102,7 +102,11 @@ class Content:
         """Lines of the text without blanks at their ends."""
         if self.text.count("\n") > MOST_LINES:
             self.refuse(f"more than {MOST_LINES} lines (allowed: up to that)")
-        return [line.rstrip() for line in self.text.split("\n")]
+        lines = [line.rstrip() for line in self.text.split("\n")]
+        at = max(range(len(lines)), key=lambda i: len(lines[i]))
+        if (n := len(lines[at])) > MOST_LINE:
+            self.refuse(f"line {at + 1}: {n} bytes long (allowed: up to {MOST_LINE})")
+        return lines
 
     @cached_property
     def head(self) -> str:

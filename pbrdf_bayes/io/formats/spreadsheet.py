@@ -67,10 +67,8 @@ def is_table(content: Content, test: Callable[[list[list[str]]], bool]) -> bool:
     """Tell whether the cells of a text, or those of any sheet, pass a test."""
     if is_workbook(content):
         return any(test(rows) for rows in sheets(content).values())
-    if not content.text or len(content.lines) > _MOST_ROWS:
-        return False
     try:
-        return test(_split(Content(content.path, content.data)))
+        return bool(content.text) and test(_split(Content(content.path, content.data)))
     except DataError:
         return False
 
