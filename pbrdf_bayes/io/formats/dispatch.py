@@ -31,6 +31,7 @@ from pbrdf_bayes.io.formats import (
 )
 from pbrdf_bayes.io.formats.content import (
     MOST_BYTES,
+    MOST_LINES,
     Content,
     Decided,
     Imported,
@@ -92,7 +93,7 @@ def convert(path: str | Path, data: bytes) -> Foreign | None:
     DataError
         A reader knows the file, and something is wrong or undecided.
     """
-    if is_tidy(data) or len(data) > MOST_BYTES:
+    if is_tidy(data) or len(data) > MOST_BYTES or data.count(b"\n") > MOST_LINES:
         return None
     content = Content(str(path), data)
     reader = _reader_of(content)
