@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -80,9 +79,8 @@ def summarise_design(result: DesignResult, run: Mapping[str, Any] | None) -> dic
         seed=choices.seed,
         recommendation="",
     )  # fmt: skip
-    advice = "\n".join(recommend(plain(found)))
-    content: dict[str, Any] = plain(replace(found, recommendation=advice))
-    return content
+    content: dict[str, Any] = plain(found)
+    return content | {"recommendation": "\n".join(recommend(content))}
 
 
 def _run(summary: Mapping[str, Any]) -> DesignRun:

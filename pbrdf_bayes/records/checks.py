@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from msgspec import Struct, field
 
 from pbrdf_bayes.records.values import CheckJudged, Judged, Number, Whole
 
 
-@dataclass(frozen=True, kw_only=True)
-class Judgement:
+class Judgement(Struct, frozen=True, kw_only=True):
     """A value against its threshold, what it means and what to do.
 
     Attributes
@@ -32,8 +31,7 @@ class Judgement:
     advice: str | None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Check(Judgement):
+class Check(Judgement, frozen=True, kw_only=True):
     """A judgement with its code.
 
     Attributes
@@ -52,8 +50,7 @@ class Check(Judgement):
     lines: tuple[Whole, ...] = ()
 
 
-@dataclass(frozen=True)
-class Finding:
+class Finding(Struct, frozen=True):
     """A mistake of the bench or of the file, or something odd, that the readings show.
 
     Attributes
@@ -80,8 +77,7 @@ class Finding:
     remedy: str
 
 
-@dataclass(frozen=True, kw_only=True)
-class Findings:
+class Findings(Struct, frozen=True, kw_only=True):
     """All findings about a file, for ``check --json``."""
 
     findings: tuple[Finding, ...] = field(default_factory=tuple)

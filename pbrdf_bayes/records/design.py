@@ -7,10 +7,9 @@ later versions; those listed keep their meaning within a ``schema_version``.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from msgspec import UNSET, Meta, UnsetType
+from msgspec import UNSET, Meta, Struct, UnsetType
 
 from pbrdf_bayes.records.values import Judged, Number, Polarization, Positive, Probable, Whole
 
@@ -36,8 +35,7 @@ else:
     NotNegative = Annotated[float, Meta(ge=0)]
 
 
-@dataclass(frozen=True, kw_only=True)
-class DesignRun:
+class DesignRun(Struct, frozen=True, kw_only=True):
     """The run that the beliefs come from."""
 
     sample: str
@@ -49,8 +47,7 @@ class DesignRun:
     applicability: str | None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Geometry:
+class Geometry(Struct, frozen=True, kw_only=True):
     """A candidate measurement.
 
     Attributes
@@ -71,16 +68,14 @@ class Geometry:
     minutes: Positive
 
 
-@dataclass(frozen=True)
-class Ratio:
+class Ratio(Struct, frozen=True):
     """Expected standard deviation after over before, and its standard error."""
 
     ratio: Number
     se: Number
 
 
-@dataclass(frozen=True, kw_only=True)
-class CandidateGain(Geometry):
+class CandidateGain(Geometry, frozen=True, kw_only=True):
     """A candidate and its gain; None where the linear estimate alone screened it.
 
     Attributes
@@ -126,8 +121,7 @@ class CandidateGain(Geometry):
     sd_ratio: Mapping[str, Ratio] | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Member(Geometry):
+class Member(Geometry, frozen=True, kw_only=True):
     """A measurement of a plan, with what it adds to those before it."""
 
     cumulative_minutes: float
@@ -138,8 +132,7 @@ class Member(Geometry):
     method: Estimator = "nested"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Plan:
+class Plan(Struct, frozen=True, kw_only=True):
     """Measurements one after the other, and what they give together."""
 
     members: tuple[Member, ...]
@@ -151,15 +144,13 @@ class Plan:
     method: Estimator = "nested"
 
 
-@dataclass(frozen=True, kw_only=True)
-class BatchPlan(Plan):
+class BatchPlan(Plan, frozen=True, kw_only=True):
     """The plan within a budget of minutes."""
 
     budget_minutes: float | None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Pairs:
+class Pairs(Struct, frozen=True, kw_only=True):
     """The best pair, and the two that are best one after the other."""
 
     best: Plan
@@ -170,8 +161,7 @@ class Pairs:
     method: SpreadEstimator = "nested"
 
 
-@dataclass(frozen=True, kw_only=True)
-class GoalCandidate:
+class GoalCandidate(Struct, frozen=True, kw_only=True):
     """What a candidate does for one prediction.
 
     Attributes
@@ -202,8 +192,7 @@ class GoalCandidate:
     port_deg: float | UnsetType | None = UNSET
 
 
-@dataclass(frozen=True, kw_only=True)
-class GoalRanking:
+class GoalRanking(Struct, frozen=True, kw_only=True):
     """A goal with all candidates, the one that sharpens it most first."""
 
     name: str
@@ -212,8 +201,7 @@ class GoalRanking:
     candidates: Annotated[tuple[GoalCandidate, ...], Meta(min_length=1)]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Choices:
+class Choices(Struct, frozen=True, kw_only=True):
     """How much was computed."""
 
     n_outer: int
@@ -223,8 +211,7 @@ class Choices:
     minutes: float | None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Instrument:
+class Instrument(Struct, frozen=True, kw_only=True):
     """What is assumed of the instrument.
 
     Attributes
@@ -240,8 +227,7 @@ class Instrument:
     scans_of_prior: bool
 
 
-@dataclass(frozen=True, kw_only=True)
-class Design:
+class Design(Struct, frozen=True, kw_only=True):
     """``design.json`` of pbrdf_bayes.
 
     Attributes

@@ -7,11 +7,10 @@ versions; those listed keep their meaning within a ``schema_version``.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from math import nan
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from msgspec import UNSET, Meta, UnsetType
+from msgspec import UNSET, Meta, Struct, UnsetType, field
 
 from pbrdf_bayes.records.checks import Check, Judgement
 from pbrdf_bayes.records.values import (
@@ -53,8 +52,7 @@ PHYSICAL = ("n", "k", "sigma_n0", "rho0")
 """Parameters that every run has."""
 
 
-@dataclass(frozen=True)
-class Applicability:
+class Applicability(Struct, frozen=True):
     """Whether the parameters may be read as properties of the material.
 
     Attributes
@@ -87,8 +85,7 @@ class Applicability:
     caveats: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True)
-class ScanSummary:
+class ScanSummary(Struct, frozen=True, kw_only=True):
     """One BRDF scan that was used [deg, sr^-1, dex].
 
     Attributes
@@ -114,8 +111,7 @@ class ScanSummary:
     u_scale: Number
 
 
-@dataclass(frozen=True, kw_only=True)
-class Input:
+class Input(Struct, frozen=True, kw_only=True):
     """The measurement: its file, its checks and its scans.
 
     Attributes
@@ -134,8 +130,7 @@ class Input:
     scans: tuple[ScanSummary, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Scored:
+class Scored(Struct, frozen=True, kw_only=True):
     """A candidate of the choice of effects, and how it predicts.
 
     Attributes
@@ -175,8 +170,7 @@ class Scored:
     chosen: bool
 
 
-@dataclass(frozen=True)
-class EffectsChoice:
+class EffectsChoice(Struct, frozen=True):
     """Effects tried, the smallest candidate first, and how they predict readings left out.
 
     Attributes
@@ -200,8 +194,7 @@ class EffectsChoice:
     symbols: Mapping[str, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Parameter:
+class Parameter(Struct, frozen=True, kw_only=True):
     """Posterior of one parameter; q025 to q975 is the equal-tailed 95 % credible interval.
 
     Attributes
@@ -243,32 +236,28 @@ class Parameter:
     likelihood_sensitivity: Number | UnsetType = UNSET
 
 
-@dataclass(frozen=True)
-class CorrelationMatrix:
+class CorrelationMatrix(Struct, frozen=True):
     """Of the parameters that are not fixed."""
 
     names: tuple[str, ...]
     matrix: Sequence[Sequence[Correlation]]
 
 
-@dataclass(frozen=True)
-class OverScans:
+class OverScans(Struct, frozen=True):
     """A figure of all readings together and of each scan."""
 
     overall: Number
     scans: Mapping[str, Number]
 
 
-@dataclass(frozen=True)
-class Best:
+class Best(Struct, frozen=True):
     """The least-squares optimum of the same model."""
 
     overall: Number
     parameters: Mapping[str, Number]
 
 
-@dataclass(frozen=True)
-class Fit:
+class Fit(Struct, frozen=True):
     """Residuals log10(measured/model) of the BRDF rows.
 
     Attributes
@@ -285,8 +274,7 @@ class Fit:
     lag1: OverScans
 
 
-@dataclass(frozen=True)
-class DiscrepancySize:
+class DiscrepancySize(Struct, frozen=True):
     """What a correlated misfit came to, and what independent readings would have claimed.
 
     Attributes
@@ -314,8 +302,7 @@ class DiscrepancySize:
     sd_if_independent: Mapping[str, Number]
 
 
-@dataclass(frozen=True)
-class OptimumSummary:
+class OptimumSummary(Struct, frozen=True):
     """A distinct optimum of the posterior density; ``delta`` is to the best one."""
 
     log_posterior: Number
@@ -324,16 +311,14 @@ class OptimumSummary:
     parameters: Mapping[str, Number]
 
 
-@dataclass(frozen=True)
-class Map:
+class Map(Struct, frozen=True):
     """The search for the posterior's optima."""
 
     n_starts: Whole
     optima: tuple[OptimumSummary, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Sampling:
+class Sampling(Struct, frozen=True, kw_only=True):
     """How the draws were made."""
 
     method: Method
@@ -350,16 +335,14 @@ class Sampling:
     n_evaluations: Number
 
 
-@dataclass(frozen=True)
-class RejectedPoints:
+class RejectedPoints(Struct, frozen=True):
     """Points inside the prior at which the model gave no finite density."""
 
     n: Whole
     examples: tuple[Mapping[str, Number], ...]
 
 
-@dataclass(frozen=True)
-class Accuracy:
+class Accuracy(Struct, frozen=True):
     """Of the normalisation, and what an evaluation costs."""
 
     level: str
@@ -368,8 +351,7 @@ class Accuracy:
     microseconds_per_evaluation: Number
 
 
-@dataclass(frozen=True)
-class HeldOutScan:
+class HeldOutScan(Struct, frozen=True):
     """How a scan that was left out is predicted, see `Prediction`."""
 
     label: str
@@ -378,8 +360,7 @@ class HeldOutScan:
     width_dex: Number
 
 
-@dataclass(frozen=True, kw_only=True)
-class RecipeHoldout:
+class RecipeHoldout(Struct, frozen=True, kw_only=True):
     """Scans that were left out, predicted from ``fitted``."""
 
     fitted: str
@@ -390,8 +371,7 @@ class RecipeHoldout:
     scans: tuple[HeldOutScan, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Prediction:
+class Prediction(Struct, frozen=True, kw_only=True):
     """A prediction of scans left out.
 
     Attributes
@@ -425,8 +405,7 @@ class Prediction:
     verdict: CheckJudged
 
 
-@dataclass(frozen=True)
-class Influential:
+class Influential(Struct, frozen=True):
     """One reading among those that sway the posterior most, or are farthest from the others.
 
     Attributes
@@ -449,8 +428,7 @@ class Influential:
     z: Number
 
 
-@dataclass(frozen=True)
-class ScanPit:
+class ScanPit(Struct, frozen=True):
     """Probability integral transform of one scan.
 
     Attributes
@@ -472,8 +450,7 @@ class ScanPit:
     sd: Number
 
 
-@dataclass(frozen=True, kw_only=True)
-class LeaveOneOutSummary:
+class LeaveOneOutSummary(Struct, frozen=True, kw_only=True):
     """Each reading predicted from all others by Pareto-smoothed importance sampling.
 
     Attributes
@@ -501,8 +478,7 @@ class LeaveOneOutSummary:
     pit: tuple[ScanPit, ...]
 
 
-@dataclass(frozen=True)
-class ScanWidth:
+class ScanWidth(Struct, frozen=True):
     """The lobe width that one scan asks for, everything but its scale at the MAP.
 
     Attributes
@@ -539,8 +515,7 @@ class ScanWidth:
     n: Whole
 
 
-@dataclass(frozen=True)
-class LargestDefect:
+class LargestDefect(Struct, frozen=True):
     """The pair of measured angles with the largest reciprocity defect.
 
     Attributes
@@ -561,8 +536,7 @@ class LargestDefect:
     q95: Number = nan
 
 
-@dataclass(frozen=True, kw_only=True)
-class ReciprocitySize:
+class ReciprocitySize(Struct, frozen=True, kw_only=True):
     """f(a -> b) / f(b -> a) in plane over the posterior; 1 is reciprocal.
 
     Attributes
@@ -587,8 +561,7 @@ class ReciprocitySize:
     largest: LargestDefect | None
 
 
-@dataclass(frozen=True)
-class Probability:
+class Probability(Struct, frozen=True):
     """A probability counted on draws.
 
     Attributes
@@ -610,8 +583,7 @@ class Probability:
     ess: float
 
 
-@dataclass(frozen=True, kw_only=True)
-class LimitVerdict:
+class LimitVerdict(Struct, frozen=True, kw_only=True):
     """Verdict on one limit of a specification, with the curve that it is on.
 
     Attributes
@@ -654,8 +626,7 @@ class LimitVerdict:
     guard: list[Number]
 
 
-@dataclass(frozen=True)
-class Rule:
+class Rule(Struct, frozen=True):
     """The decision rule, see `pbrdf_bayes.specification.DecisionRule`."""
 
     rule: str
@@ -664,8 +635,7 @@ class Rule:
     max_producer_risk: Number
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunIdentity:
+class RunIdentity(Struct, frozen=True, kw_only=True):
     """The run that differences are to."""
 
     sample: str
@@ -674,8 +644,7 @@ class RunIdentity:
     sha256: str = ""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Conformity:
+class Conformity(Struct, frozen=True, kw_only=True):
     """Verdicts on the limits of a specification.
 
     Attributes
@@ -701,15 +670,13 @@ class Conformity:
     specification_sha256: str | UnsetType = UNSET
 
 
-@dataclass(frozen=True, kw_only=True)
-class Checksum:
+class Checksum(Struct, frozen=True, kw_only=True):
     """Of one file of a run."""
 
     sha256: Sha256
 
 
-@dataclass(frozen=True, kw_only=True)
-class Summary:
+class Summary(Struct, frozen=True, kw_only=True):
     """``summary.json`` of a run of pbrdf_bayes.
 
     Attributes

@@ -7,11 +7,10 @@ plain types to a type checker, and what a file may hold to `msgspec`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
 from math import isfinite
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from msgspec import UNSET, Meta
+from msgspec import UNSET, Meta, Struct
 
 if TYPE_CHECKING:
     Number = float
@@ -46,8 +45,8 @@ def plain(value: Any) -> Any:
 
     Fields of a record that are unset are left out.
     """
-    if is_dataclass(value):
-        found = {f.name: getattr(value, f.name) for f in fields(value)}
+    if isinstance(value, Struct):
+        found = {name: getattr(value, name) for name in value.__struct_fields__}
         return {name: plain(item) for name, item in found.items() if item is not UNSET}
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}

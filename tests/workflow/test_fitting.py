@@ -326,10 +326,10 @@ def test_a_fixed_parameter_is_assumed_and_not_identified(measurement: pb.Measure
     assert summary["parameters"]["k"]["identified"]
     found = summary["applicability"]
     assert found["verdict"] == "applies"
-    assert found["caveats"] == (
+    assert found["caveats"] == [
         f"Not {say('applicability.untested', why=say('applicability.not_asked'))[4:]}.",
         say("assumed.fixed", name="n", value=1.526),
-    )
+    ]
 
 
 def test_one_unpolarised_scan_alone() -> None:

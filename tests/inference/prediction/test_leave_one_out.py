@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from arviz_stats.base import array_stats
@@ -213,7 +214,7 @@ def test_a_stated_sigma_beyond_the_scatter_is_the_cause_of_narrow_residuals(
     assert verdict.advice == said
     without = next(d for d in judge_readings(found) if d.name == "pit")
     assert without.advice == say("pit.all_narrow.advice")
-    few = replace(found, scans=(*found.scans, replace(found.scans[0], p_value=1.0)))
+    few = replace(found, scans=(*found.scans, msgspec.structs.replace(found.scans[0], p_value=1.0)))
     verdict = next(d for d in judge_readings(few) if d.name == "pit")
     assert say("pit.narrow.advice") in verdict.advice
 
