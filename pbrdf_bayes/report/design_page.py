@@ -13,7 +13,6 @@ from pbrdf_bayes.report.figures.design import (
     minutes_picture,
     shrinkage_picture,
 )
-from pbrdf_bayes.report.figures.looks import LOOKS
 from pbrdf_bayes.report.numbers import THIN, count, fixed, number
 from pbrdf_bayes.report.page import environment
 from pbrdf_bayes.words import LOCAL_NORMAL, listed
@@ -46,7 +45,6 @@ def render_design(design: Mapping[str, Any]) -> str:
         by_minute=gain_pictures(rows, per_minute=True),
         minutes=minutes_picture(rows),
         shrinkage=shrinkage_picture(rows[:_SHOWN], design["sd_before"]),
-        looks={q: {"word": v.word, "dash": " ".join(map(str, v.dash))} for q, v in LOOKS.items()},
         kinds=kinds, rows=design_tables.candidate_rows(rows[:_SHOWN]),
         names=list(design["sd_before"]), about=listed(design["about"]),
         plan=design_tables.plan_rows(design["batch"]), pairs=_pairs(design),

@@ -80,6 +80,7 @@ def environment() -> Environment:
         trim_blocks=True,
         finalize=_finalize,
     )
+    found.globals["looks"] = LOOKS
     found.filters["symbols"] = _with_symbols
     found.filters["css_string"] = _as_css_string
     return found
@@ -121,7 +122,6 @@ def _context(analysis: Analysis, brief: bool) -> dict[str, Any]:
     """Everything the template places."""
     summary, figures = analysis.summary, draw_figures(analysis, brief=brief)
     priors = {name: draws_of(analysis, "prior", name) for name in summary["parameters"]}
-    looks = {p: {"word": v.word, "dash": " ".join(map(str, v.dash))} for p, v in LOOKS.items()}
     return {
         **_front(analysis),
         **_contents(analysis, figures),
@@ -129,7 +129,6 @@ def _context(analysis: Analysis, brief: bool) -> dict[str, Any]:
         **_paperwork(summary),
         "figures": figures,
         "brief": brief,
-        "looks": looks,
         "n_dhr": summary["input"]["n_dhr"],
         "parameters": tables.parameter_rows(summary, priors),
         "correlation": tables.correlation_rows(summary),

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pbrdf_bayes.report.figures.axes import figure_style
@@ -84,7 +83,6 @@ def _scatter(rows: Sequence[Row]) -> Markup:
         )  # fmt: skip
     axes.set(xlabel="promised [nat]", ylabel="realised [nat]", xlim=(0, top), ylim=(0, top))
     axes.legend(frameon=False, fontsize=9)
-    _bare(axes)
     label = "Realised against promised information of every candidate, with the line of equality"
     return inline_svg(figure, name="loop", label=label)
 
@@ -104,12 +102,5 @@ def _bars(grids: Sequence[Row]) -> Markup:
     axes.set_xticklabels(paints)
     axes.set_ylim(0.0, 1.35 * max(g["realised"] for g in grids))
     axes.legend(frameon=False, fontsize=9, loc="upper left")
-    _bare(axes)
     label = "Information realised by three scans: chosen by design, evenly spread, at random"
     return inline_svg(figure, name="grids", label=label)
-
-
-def _bare(axes: Axes) -> None:
-    axes.tick_params(labelsize=9)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)

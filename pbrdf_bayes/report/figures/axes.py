@@ -30,7 +30,7 @@ BANDS = ((0, 4, 0.20), (1, 3, 0.32))
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none", "svg.hashsalt": "pbrdf_bayes", "text.parse_math": False,
     "font.family": "sans-serif", "font.sans-serif": ["DejaVu Sans"], "font.size": 10.5,
-    "figure.dpi": 72, "path.simplify": True, "path.simplify_threshold": 0.15,
+    "figure.dpi": 72, "path.simplify": True, "path.simplify_threshold": 0.25,
     "axes.spines.left": False, "axes.spines.right": False, "axes.spines.top": False,
     "axes.edgecolor": FAINT, "axes.labelcolor": INK, "axes.labelsize": 10.5, "axes.labelpad": 3,
     "axes.titlesize": 10.5, "axes.titlecolor": INK, "axes.titley": 1.0, "axes.titlepad": 7,
@@ -39,6 +39,7 @@ STYLE: dict[Any, Any] = {
     "xtick.labelsize": 10.5, "ytick.labelsize": 10.5, "xtick.color": MUTED, "ytick.color": MUTED,
     "xtick.major.size": 0, "ytick.major.size": 0, "xtick.major.pad": 5, "ytick.major.pad": 5,
     "lines.linewidth": 1.3, "lines.markeredgewidth": 0, "lines.scale_dashes": False,
+    "lines.solid_capstyle": "butt",
 }  # fmt: skip
 """Settings of matplotlib that every figure relies on; all others are matplotlib's own defaults."""
 

@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d
 from scipy.stats import kstwo, rankdata
 
 from pbrdf_bayes.report.arrays import ScanPlaces
-from pbrdf_bayes.report.figures.axes import WIDTH, emptied, figure_of, name_axes, new_axes
+from pbrdf_bayes.report.figures.axes import WIDTH, emptied, figure_of, name_axes, new_axes, shade
 from pbrdf_bayes.report.figures.looks import (
     ALARM,
     ENSEMBLES,
@@ -73,11 +73,11 @@ def plot_posterior(axes: Axes, x: Sample) -> Axes:
     ):  # fmt: skip
         centres, density = _density(draws, x.view, width)
         axes.plot(centres, density, color=color, linestyle=line)
-    axes.fill_between(centres, density, color=SHADE, alpha=0.25, linewidth=0)
-    if x.map is not None:
-        axes.axvline(x.map, color=INK, lw=0.9, linestyle=(0, (1.5, 1.5)))
     axes.set(xlim=x.view, yticks=())
     axes.set_ylim(0.0, 1.06 * axes.get_ylim()[1])
+    shade(axes, centres, 0.0 * density, density, SHADE, 0.25)
+    if x.map is not None:
+        axes.axvline(x.map, color=INK, lw=0.9, linestyle=(0, (1.5, 1.5)))
     axes.set_xlabel(x.symbol, **_SYMBOL)
     return axes
 
@@ -218,17 +218,22 @@ def _relative_ranks(sample: Sample, ensembles: NDArray[np.int64]) -> list[Array]
 # ------------------------------------------------------------------------------ places of readings
 
 
-def plot_places(axes: Axes, scan: ScanPlaces, *, n_scans: int = 1) -> Axes:
-    """Draw the distribution of the places of a scan minus uniform, and the 99 % envelope."""
+def plot_places(
+    axes: Axes, scan: ScanPlaces, *, n_scans: int = 1, reach: float | None = None
+) -> Axes:  # fmt: skip
+    """Draw the distribution of the places of a scan minus uniform, and the 99 % envelope.
+
+    The envelope is that of ``n_scans`` together; the axis ends at ``reach``.
+    """
     band, look, n = _critical(scan, n_scans), LOOKS[scan.polarization], scan.pit.size
+    reach = 1.25 * max(band, _distance(scan)) if reach is None else reach
+    axes.set(xlim=(0, 1), xticks=(0, 0.5, 1), ylim=(-reach, reach))
     grid = np.linspace(0.0, 1.0, 61)
-    axes.fill_between(grid, np.maximum(-band, -grid), np.minimum(band, 1.0 - grid),
-                      color=FAINT, alpha=0.22, linewidth=0)  # fmt: skip
+    shade(axes, grid, np.maximum(-band, -grid), np.minimum(band, 1.0 - grid), FAINT, 0.22)
     axes.axhline(0.0, color=MUTED, lw=0.8)
     keep = np.unique(np.linspace(0, n - 1, min(n, 160)).round().astype(int))
     y = (keep + 0.5) / n - scan.pit[keep]
     axes.plot([0.0, *scan.pit[keep], 1.0], [0.0, *y, 0.0], lw=1.6, **look.line)
-    axes.set(xlim=(0, 1), xticks=(0, 0.5, 1))
     axes.xaxis.set_major_formatter("{x:g}")
     axes.set_title(scan.label)
     distance = _distance(scan)
@@ -251,8 +256,7 @@ def places_picture(scans: Sequence[ScanPlaces]) -> Picture | None:
              for i in range(len(shown))]  # fmt: skip
     panels = new_axes(32.0 + 168.0 * columns, 48.0 + 108.0 * rows, *boxes)
     for i, (axes, scan) in enumerate(zip(panels, shown, strict=True)):
-        plot_places(axes, scan, n_scans=len(scans))
-        axes.set_ylim(-reach, reach)
+        plot_places(axes, scan, n_scans=len(scans), reach=reach)
         axes.tick_params(labelleft=i % columns == 0, labelbottom=i + columns >= len(shown))
     name_axes(panels[0], "", "share of readings − uniform", beside=40, above=27)
     panels[(rows - 1) * columns].set_xlabel("place in the predicted law")

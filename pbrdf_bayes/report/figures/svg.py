@@ -15,11 +15,17 @@ from markupsafe import Markup, escape
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from pbrdf_bayes.report.figures.looks import GRID
+
 _ATTRIBUTE = re.compile(r' (d|x|y|width|height|transform|points)="([^"]*)"')
 _DECIMAL = re.compile(r"-?\d+\.\d+")
 _BREAK = re.compile(r"\s+(?=[A-Za-z])|(?<=[A-Za-z])\s+|\s+$")
 _LEVEL = re.compile(r"M(\S+) (\S+?)L(\S+) \2(?=[MLz]|$)")
-_FONT = re.compile(r"font-family: [^;\"]*;? ?")
+_FONT = re.compile(r"font-family: [^;\"]*;? ?|stroke-dashoffset: 0; ")
+_STYLE = re.compile(r' style="[^"]*"')
+_GROUP = re.compile(r"(<g\b[^>]*>|</g>)")
+_GRID_CLIP = re.compile(rf' clip-path="[^"]*"(?= style="fill:none;stroke:{GRID})')
+_EMPTY = re.compile(r'<g\b[^>]*/>|<path d="[^"]*" style="fill:none"/>')
 _NO_TURN = re.compile(r' transform="rotate\(-?0 [^"]*\)"')
 _ID = re.compile(r' id="([^"]*)"')
 _REFERENCE = re.compile(r'url\(#([^)]*)\)|href="#([^"]*)"')
@@ -54,8 +60,9 @@ def inline_svg(figure: Figure, *, name: str, label: str) -> Markup:
     body = re.sub(r"<defs>\s*<style.*?</style>\s*</defs>", "", body, count=1, flags=re.DOTALL)
     body = _POINTS.sub(_as_markers, body.replace("xlink:href", "href"))
     body = _ATTRIBUTE.sub(_short_attribute, _own_ids(body, name))
-    body = _NO_TURN.sub("", _FONT.sub("", re.sub(r"<g[^>]*/>", "", body)))
-    body = re.sub(r">\s+<", "><", _TEXT.sub(_with_subscripts, body).strip())
+    body = _NO_TURN.sub("", _FONT.sub("", _TEXT.sub(_with_subscripts, body)))
+    body = _STYLE.sub(lambda m: m[0].replace("; ", ";").replace(": ", ":"), body)
+    body = _without_bare_groups(re.sub(r">\s+<", "><", body).strip())
     width, height = (72 * size for size in figure.get_size_inches())
     opening = (
         f'<svg class="plot" viewBox="0 0 {width:.0f} {height:.0f}" role="img"'
@@ -81,6 +88,17 @@ def _own_ids(body: str, name: str) -> str:
     new = {old: f"{name}-{i}" for i, old in enumerate(dict.fromkeys(used))}
     body = _ID.sub(lambda m: f' id="{new[m[1]]}"' if m[1] in new else "", body)
     return _REFERENCE.sub(lambda m: f"url(#{new[m[1]]})" if m[1] else f'href="#{new[m[2]]}"', body)
+
+
+def _without_bare_groups(body: str) -> str:
+    """Drop groups that hold nothing or say nothing of what they hold."""
+    kept, saying = [], []
+    for part in _GROUP.split(_EMPTY.sub("", _GRID_CLIP.sub("", body))):
+        if part.startswith("<g"):
+            saying.append(part != "<g>")
+        if saying.pop() if part == "</g>" else part != "<g>":
+            kept.append(part)
+    return "".join(kept)
 
 
 def _short_attribute(match: re.Match[str]) -> str:
