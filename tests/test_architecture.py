@@ -24,7 +24,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("readings", "scene", "inference", "io", "report"),
     ("verdicts", "conform", "design"),
     ("workflow",),
-    ("bench", "batch"),
+    ("bench", "batch", "mitsuba"),
     ("verbs",),
     ("cli",),
     ("__main__",),
