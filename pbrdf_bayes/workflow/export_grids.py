@@ -40,7 +40,7 @@ COUNTED_DEG = (5.0, 75.0)
 At normal incidence the plane of incidence is not defined, and the model, which is a product of
 lobes along and across it, is not isotropic: there no grid over half angles follows it.
 """
-_N_POINTS = 20_000
+_N_POINTS, _N_OF_ROUND = 20_000, 5_000
 _BYTES_OF_TEXT, _BYTES_OF_ROW, _BYTES_OF_MATRICES = 13, 60, 5 * 16 * 4
 
 
@@ -117,7 +117,7 @@ def bisect_worst(
     axes = list(axes)
     rng = np.random.default_rng(2)
     for _ in range(_MOST_ROUNDS):
-        cells, shares, error = _errors_in_cells(axes, field, rng)
+        cells, shares, error = _errors_in_cells(axes, field, rng, _N_OF_ROUND)
         if error.max() <= _THRESHOLDS[-1]:
             break
         threshold = next(t for t in _THRESHOLDS if t < error.max())
@@ -191,7 +191,7 @@ def interpolation_error(axes: Sequence[Array], field: Field, seed: int = 1) -> E
     -------
     Error
     """
-    _, _, error = _errors_in_cells(axes, field, np.random.default_rng(seed))
+    _, _, error = _errors_in_cells(axes, field, np.random.default_rng(seed), _N_POINTS)
     error = error[error > 0.0]
     if not error.size:
         return Error(median=0.0, most=0.0)
@@ -199,11 +199,11 @@ def interpolation_error(axes: Sequence[Array], field: Field, seed: int = 1) -> E
 
 
 def _errors_in_cells(
-    axes: Sequence[Array], field: Field, rng: np.random.Generator
+    axes: Sequence[Array], field: Field, rng: np.random.Generator, n: int
 ) -> tuple[list[Index], list[Array], Array]:
     """Random cells, random points in them, and the largest error of the channels; 0: no error."""
-    cells = [rng.integers(0, x.size - 1, _N_POINTS) for x in axes]
-    shares = [rng.random(_N_POINTS) for _ in axes]
+    cells = [rng.integers(0, x.size - 1, n) for x in axes]
+    shares = [rng.random(n) for _ in axes]
     between: Array | float = 0.0
     for corner in product((0, 1), repeat=len(axes)):
         at = [x[cell + up] for x, cell, up in zip(axes, cells, corner, strict=True)]
