@@ -27,7 +27,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("verdicts", "analysis"),
     ("conform", "design"),
     ("workflow",),
-    ("bench", "batch"),
+    ("bench", "batch", "mitsuba"),
     ("verbs",),
     ("cli",),
     ("__main__",),

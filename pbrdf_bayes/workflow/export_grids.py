@@ -22,19 +22,26 @@ from pbrdf_bayes.physics.stokes import prepare_frames
 from pbrdf_bayes.workflow.export_source import Source
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 Field = Callable[..., Array]
-"""Axes of one shape to values (n_channels, *shape); NaN where the value does not count."""
+"""Axes of one shape to BRDF and 1 % of its peak, (2, n_channels, *shape); NaN where none is."""
 
 MOST_BYTES = 64 * 2**20
 SHARE_OF_PEAK = 0.01
 _TOLERANCES = (0.1, 0.07, 0.05, 0.035, 0.025, 0.018, 0.013, 0.009, 0.006, 0.0045)
 _OF_LIST = 0.004
+_THRESHOLDS = (1.0, 0.3, 0.1, 0.05, 0.02, 0.008)
+_MOST_ROUNDS = 24
 _MOST_THETA_R_DEG = 89.0
 _MOST_INCIDENCE_DEG = 80.0
-COUNTED_DEG = 75.0
-"""Error in half angles counts where light and viewer are both up to it."""
-_N_POINTS = 20_000
-_BYTES_OF_TEXT, _BYTES_OF_MATRICES = 13, 5 * 16 * 4
+COUNTED_DEG = (5.0, 75.0)
+"""Error in half angles counts for light and viewer between these angles from the normal.
+
+At normal incidence the plane of incidence is not defined, and the model, which is a product of
+lobes along and across it, is not isotropic: there no grid over half angles follows it.
+"""
+_N_POINTS, _N_OF_ROUND = 20_000, 5_000
+_BYTES_OF_TEXT, _BYTES_OF_ROW, _BYTES_OF_MATRICES = 13, 60, 5 * 16 * 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,13 +86,72 @@ def refine_within(
     field: Field,
     bytes_of: Callable[[Sequence[Array]], int],
 ) -> list[Array]:
-    """The finest of the `refine`d axes, over falling tolerances, that keep to `MOST_BYTES`."""
+    """Axes as fine as `MOST_BYTES` allow and an error of 1 % needs.
+
+    They are `refine`d over falling tolerances to half of the bytes, and then bisected where
+    interpolation at random points errs most.
+
+    Parameters
+    ----------
+    axes, probes : sequence of ndarray
+    field : callable
+    bytes_of : callable
+        Size of the file of some axes.
+
+    Returns
+    -------
+    list of ndarray
+    """
     for tolerance in _TOLERANCES:
         finer = refine(axes, probes, field, tolerance=tolerance)
-        if bytes_of(finer) > MOST_BYTES:
+        if bytes_of(finer) > MOST_BYTES // 2:
             break
         axes = finer
-    return list(axes)
+    return bisect_worst(axes, field, bytes_of)
+
+
+def bisect_worst(
+    axes: Sequence[Array], field: Field, bytes_of: Callable[[Sequence[Array]], int]
+) -> list[Array]:
+    """Axes bisected in cells that err most, each along the axis that errs most there."""
+    axes = list(axes)
+    rng = np.random.default_rng(2)
+    for _ in range(_MOST_ROUNDS):
+        cells, shares, error = _errors_in_cells(axes, field, rng, _N_OF_ROUND)
+        if error.max() <= _THRESHOLDS[-1]:
+            break
+        threshold = next(t for t in _THRESHOLDS if t < error.max())
+        bad = np.argsort(-error)[: np.count_nonzero(error > threshold)]
+        while bad.size:
+            finer = _bisected(axes, [c[bad] for c in cells], [t[bad] for t in shares], field)
+            if bytes_of(finer) <= MOST_BYTES:
+                axes = finer
+                break
+            bad = bad[: bad.size // 2]
+        else:
+            break
+    return axes
+
+
+def _bisected(
+    axes: Sequence[Array], cells: Sequence[Index], shares: Sequence[Array], field: Field
+) -> list[Array]:
+    """Each cell in two, along the axis with the largest error of its middle."""
+    points = [x[c] + t * (x[c + 1] - x[c]) for x, c, t in zip(axes, cells, shares, strict=True)]
+    errors = []
+    for number, (x, cell) in enumerate(zip(axes, cells, strict=True)):
+        low, middle, high = (
+            field(*(at if i == number else p for i, p in enumerate(points)))
+            for at in (x[cell], 0.5 * (x[cell] + x[cell + 1]), x[cell + 1])
+        )
+        error = np.abs(0.5 * (low[0] + high[0]) - middle[0]) / np.maximum(middle[0], middle[1])
+        errors.append(np.nan_to_num(error).max(axis=0))
+    worst = np.argmax(errors, axis=0)
+    finer = []
+    for number, (x, cell) in enumerate(zip(axes, cells, strict=True)):
+        split = np.unique(cell[worst == number])
+        finer.append(np.insert(x, split + 1, 0.5 * (x[split] + x[split + 1])))
+    return finer
 
 
 def _refine_one(
@@ -93,14 +159,15 @@ def _refine_one(
 ) -> Array:
     def along(x: Array) -> Array:
         axes = [x if i == number else probe for i, probe in enumerate(probes)]
-        return np.moveaxis(field(*np.meshgrid(*axes, indexing="ij")), 1 + number, -1)
+        return np.moveaxis(field(*np.meshgrid(*axes, indexing="ij")), 2 + number, -1)
 
     least = np.ptp(nodes) / 4000.0
-    values = along(nodes)
+    values, _ = along(nodes)
     while True:
         middle = 0.5 * (nodes[1:] + nodes[:-1])
-        exact = along(middle)
-        error = np.abs(0.5 * (values[..., 1:] + values[..., :-1]) / exact - 1.0)
+        exact, floor = along(middle)
+        error = np.abs(0.5 * (values[..., 1:] + values[..., :-1]) - exact)
+        error /= np.maximum(exact, floor)
         worst = np.nan_to_num(error).reshape(-1, middle.size).max(axis=0)
         bad = np.flatnonzero((worst > tolerance) & (np.diff(nodes) > least))
         if not bad.size:
@@ -116,7 +183,7 @@ def interpolation_error(axes: Sequence[Array], field: Field, seed: int = 1) -> E
     ----------
     axes : sequence of ndarray
     field : callable
-        See `Field`; cells with a corner that does not count are left out.
+        See `Field`; cells with a corner below the horizon are left out.
     seed : int
         Of the points.
 
@@ -124,20 +191,28 @@ def interpolation_error(axes: Sequence[Array], field: Field, seed: int = 1) -> E
     -------
     Error
     """
-    rng = np.random.default_rng(seed)
-    cells = [rng.integers(0, x.size - 1, _N_POINTS) for x in axes]
-    shares = [rng.random(_N_POINTS) for _ in axes]
+    _, _, error = _errors_in_cells(axes, field, np.random.default_rng(seed), _N_POINTS)
+    error = error[error > 0.0]
+    if not error.size:
+        return Error(median=0.0, most=0.0)
+    return Error(median=float(np.median(error)), most=float(error.max()))
+
+
+def _errors_in_cells(
+    axes: Sequence[Array], field: Field, rng: np.random.Generator, n: int
+) -> tuple[list[Index], list[Array], Array]:
+    """Random cells, random points in them, and the largest error of the channels; 0: no error."""
+    cells = [rng.integers(0, x.size - 1, n) for x in axes]
+    shares = [rng.random(n) for _ in axes]
     between: Array | float = 0.0
     for corner in product((0, 1), repeat=len(axes)):
         at = [x[cell + up] for x, cell, up in zip(axes, cells, corner, strict=True)]
         weight = np.prod([t if up else 1.0 - t for t, up in zip(shares, corner, strict=True)], 0)
-        between = between + weight * field(*at)
+        between = between + weight * field(*at)[0]
     points = [x[c] + t * (x[c + 1] - x[c]) for x, c, t in zip(axes, cells, shares, strict=True)]
-    error = np.abs(between / field(*points) - 1.0)
-    error = error[np.isfinite(error)]
-    if not error.size:
-        return Error(median=0.0, most=0.0)
-    return Error(median=float(np.median(error)), most=float(error.max()))
+    exact, floor = field(*points)
+    error = np.where(exact > floor, np.abs(between / exact - 1.0), 0.0)
+    return cells, shares, np.nan_to_num(error).max(axis=0)
 
 
 class Peaks:
@@ -152,21 +227,23 @@ class Peaks:
             for source, q in self.targets
         ]
 
-    def counted(self, theta_i: Array, theta_r: Array, phi_r: Array) -> Array:
-        """BRDF (n_targets, ...) of directions [deg], NaN below 1 % of the peak."""
-        found = []
-        for (source, q), logs in zip(self.targets, self._logs, strict=True):
-            values = source.at(theta_i, theta_r, phi_r, q)
-            peak = np.exp(np.interp(theta_i, self._theta_i, logs))
-            found.append(np.where(values > SHARE_OF_PEAK * peak, values, np.nan))
-        return np.stack(found)
+    def field(self, theta_i: Array, theta_r: Array, phi_r: Array) -> Array:
+        """BRDF of directions [deg], and 1 % of its peak, shape (2, n_targets, ...)."""
+        found = [
+            (
+                source.at(theta_i, theta_r, phi_r, q),
+                SHARE_OF_PEAK * np.exp(np.interp(theta_i, self._theta_i, logs)),
+            )
+            for (source, q), logs in zip(self.targets, self._logs, strict=True)
+        ]
+        return np.stack(found, axis=1)
 
 
 def line_of(peaks: Peaks, theta_i: float) -> tuple[Array, Error]:
     """theta_r [deg], signed, of a scan in plane."""
 
     def field(theta_r: Array) -> Array:
-        return peaks.counted(np.full(theta_r.shape, theta_i), theta_r, np.zeros(theta_r.shape))
+        return peaks.field(np.full(theta_r.shape, theta_i), theta_r, np.zeros(theta_r.shape))
 
     most = _MOST_THETA_R_DEG
     start = np.concatenate([[-most], np.arange(-85.0, 86.0, 5.0), [most]])
@@ -178,13 +255,14 @@ def hemisphere_of(peaks: Peaks, theta_i: float) -> tuple[list[Array], Error]:
     """theta_r from 0 and phi_r from 0 to 180 [deg] about one incidence."""
 
     def field(theta_r: Array, phi_r: Array) -> Array:
-        return peaks.counted(np.full(theta_r.shape, theta_i), theta_r, phi_r)
+        return peaks.field(np.full(theta_r.shape, theta_i), theta_r, phi_r)
 
     near = theta_i + np.linspace(-10.0, 10.0, 11)
     theta = np.unique(np.clip(np.append(near, np.arange(5.0, 89.0, 12.0)), 0.0, _MOST_THETA_R_DEG))
     phi = np.unique(np.append([0.0, 1.0, 2.0, 4.0, 8.0], np.arange(15.0, 181.0, 15.0)))
     start = [np.append(np.arange(0.0, 86.0, 5.0), _MOST_THETA_R_DEG), np.arange(0.0, 181.0, 15.0)]
     axes = refine(start, [theta, phi], field, tolerance=_OF_LIST)
+    axes = bisect_worst(axes, field, lambda axes: _BYTES_OF_ROW * axes[0].size * axes[1].size)
     return axes, interpolation_error(axes, field)
 
 
@@ -220,7 +298,7 @@ def specular_axes(
 
     def field(theta_i: Array, azimuth: Array, radial: Array) -> Array:
         theta_r, phi_r, z = about_specular(theta_i, azimuth, radial)
-        values = peaks.counted(theta_i, np.minimum(theta_r, 90.0), phi_r)
+        values = peaks.field(theta_i, np.minimum(theta_r, 90.0), phi_r)
         return np.where(z > _HORIZON, values, np.nan)
 
     given = None if theta_i is None else np.asarray(theta_i, dtype=np.float64)
@@ -241,7 +319,7 @@ def specular_axes(
 
     def at_given(azimuth: Array, radial: Array) -> Array:
         each = [field(np.full(azimuth.shape, x), azimuth, radial) for x in probes[0].tolist()]
-        return np.concatenate(each)
+        return np.concatenate(each, axis=1)
 
     axes = refine_within(start[1:], probes[1:], at_given, bytes_of)
     return (given, axes[0], axes[1]), interpolation_error(axes, at_given)
@@ -277,12 +355,13 @@ def half_to_angles(theta_h: Array, theta_d: Array, phi_d: Array) -> tuple[Array,
 
 def half_angle_axes(peaks: Peaks) -> tuple[tuple[Array, Array, Array], Error]:
     """theta_h, theta_d and phi_d from 0 to pi [rad], within `MOST_BYTES`."""
+    low, high = COUNTED_DEG
 
     def field(theta_h: Array, theta_d: Array, phi_d: Array) -> Array:
         theta_i, theta_r, phi_r = half_to_angles(theta_h, theta_d, phi_d)
-        seen = (theta_i <= COUNTED_DEG) & (theta_r <= COUNTED_DEG)
+        seen = (theta_i >= low) & (theta_r >= low) & (theta_i <= high) & (theta_r <= high)
         inside = (np.where(seen, x, 0.0) for x in (theta_i, theta_r, phi_r))
-        return np.where(seen, peaks.counted(*inside), np.nan)
+        return np.where(seen, peaks.field(*inside), np.nan)
 
     right = 0.5 * np.pi
     start = [right * np.linspace(0.0, 1.0, 9) ** 2, np.linspace(0.0, right, 10),

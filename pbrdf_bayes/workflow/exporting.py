@@ -313,22 +313,22 @@ def _bird(task: _Task) -> _Files:
         value=value, u_value=u,
     )  # fmt: skip
     text = bird_text(rows, task.origin, dhr)
-    return [_File(content=text.encode())], [
-        _said("theta_r", error),
-        f"not in the file: directions out of plane, correlations of the uncertainties, DHR beyond "
-        f"that of u at theta_i = {at[0]:g} deg; provenance and sample are placeholders to fill in",
-    ]
+    lost = (
+        "not in the file: directions out of plane, correlations of the uncertainties, DHR beyond "
+        f"that of u at theta_i = {at[0]:g} deg; provenance and sample are placeholders to fill in"
+    )
+    return [_File(content=text.encode())], [_said("theta_r", error), lost]
 
 
 def _hemispheres(task: _Task, q: str) -> tuple[Rows, Error]:
     """BRDF over the hemisphere of one polarisation, at the same directions for every source."""
     peaks = Peaks(task.sources, [q])
     angles, errors = [], []
-    for theta_i in task.incidences:
-        (theta_r, phi_r), error = hemisphere_of(peaks, theta_i)
-        polar = np.meshgrid(theta_r[1:], phi_r, indexing="ij")
+    for incidence in task.incidences:
+        axes, error = hemisphere_of(peaks, incidence)
+        polar = np.meshgrid(axes[0][1:], axes[1], indexing="ij")
         grid = [np.append(0.0, x.ravel()) for x in polar]  # the normal once
-        angles.append([np.full(grid[0].size, theta_i), *grid])
+        angles.append([np.full(grid[0].size, incidence), *grid])
         errors.append(error)
     theta_i, theta_r, phi_r = (np.concatenate(x) for x in zip(*angles, strict=True))
     n = len(task.sources)
@@ -352,11 +352,11 @@ def _astm(task: _Task) -> _Files:
         rows, error = _hemispheres(task, q)
         files.append(_File(content=astm_text(rows, task.origin, q).encode(), q=q))
         notes.append(_said(f"{q}, theta_r and phi_r", error))
-    return files, [
-        *notes, _BETWEEN,
+    lost = (
         "not in the file: uncertainties, DHR, polarisation of the scattered light; the incident "
-        "polarisation stands in LAB_COMMENTS",
-    ]  # fmt: skip
+        "polarisation stands in LAB_COMMENTS"
+    )
+    return files, [*notes, _BETWEEN, lost]
 
 
 def _of_one_wavelength(
@@ -427,12 +427,15 @@ def _mitsuba(task: _Task) -> _Files:
         said += ": Mitsuba renders 360 to 830 nm only" if outside else ""
     axes, error = half_angle_axes(Peaks(task.sources, ["u"]))
     content = pbsdf_bytes(fill_half_angles(axes, sources, stored))
+    lost = (
+        "not in the file: uncertainties; retardance: circular light keeps the share that light at "
+        "45 deg keeps, and nothing passes between the two"
+    )
     return [_File(content=content)], [
         said,
-        _said(f"u, light and viewer up to {COUNTED_DEG:g} deg", error),
+        _said("u, light and viewer {:g} to {:g} deg from the normal".format(*COUNTED_DEG), error),
         "polarisation and angles of incidence are all in the file, whatever is asked for",
-        "not in the file: uncertainties; retardance: circular light keeps the share that light at "
-        "45 deg keeps, and nothing passes between the two",
+        lost,
     ]
 
 

@@ -30,7 +30,7 @@ def pbsdf_bytes(grid: HalfAngleGrid) -> bytes:
 
 
 def tensor_bytes(fields: Mapping[str, NDArray[Any]]) -> bytes:
-    """Arrays by name as one file: little endian, C order, data on multiples of 8 bytes.
+    r"""Arrays by name as one file: little endian, C order, data on multiples of 8 bytes.
 
     Examples
     --------
