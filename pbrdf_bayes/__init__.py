@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from pbrdf_bayes.inference.posterior import Posterior, build_posterior
     from pbrdf_bayes.io.document_toml import read_document
     from pbrdf_bayes.io.limits_toml import read_limits
-    from pbrdf_bayes.io.tidy_csv import read_measurement, write_tidy_csv
+    from pbrdf_bayes.io.tidy_csv import import_readings, read_measurement, write_tidy_csv
     from pbrdf_bayes.measurement import Measurement
     from pbrdf_bayes.model.diffuse_directional import ddr
     from pbrdf_bayes.model.effects import Effects
@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from pbrdf_bayes.report.page import render_report
     from pbrdf_bayes.scene.prediction import predict_scene
     from pbrdf_bayes.scenes import Scene
+    from pbrdf_bayes.workflow.exporting import Exported, export_brdf
     from pbrdf_bayes.workflow.fitting import fit
     from pbrdf_bayes.workflow.next_measurement import design_next
     from pbrdf_bayes.workflow.spectral_scene import predict_spectral_scene
@@ -66,6 +67,7 @@ _HOME = {
     "DataError": "errors",
     "DomainError": "errors",
     "Effects": "model.effects",
+    "Exported": "workflow.exporting",
     "FitError": "errors",
     "GREEN_PAINT": "model.simulate",
     "Measurement": "measurement",
@@ -84,11 +86,13 @@ _HOME = {
     "degree_of_linear_polarization": "model.polarimetry",
     "design_next": "workflow.next_measurement",
     "dhr": "model.four_parameter",
+    "export_brdf": "workflow.exporting",
     "fit": "workflow.fitting",
     "fit_batch": "batch.run",
     "load_analysis": "analysis",
     "mueller": "model.polarimetry",
     "normalisation_error": "model.four_parameter",
+    "import_readings": "io.tidy_csv",
     "predict_scene": "scene.prediction",
     "predict_spectral_scene": "workflow.spectral_scene",
     "read_document": "io.document_toml",
@@ -114,6 +118,7 @@ __all__ = [
     "DataError",
     "DomainError",
     "Effects",
+    "Exported",
     "FitError",
     "Measurement",
     "Parameters",
@@ -132,8 +137,10 @@ __all__ = [
     "degree_of_linear_polarization",
     "design_next",
     "dhr",
+    "export_brdf",
     "fit",
     "fit_batch",
+    "import_readings",
     "load_analysis",
     "mueller",
     "normalisation_error",

@@ -27,10 +27,12 @@ from pbrdf_bayes.verbs.arguments import (
 from pbrdf_bayes.verbs.batch import add_batch
 from pbrdf_bayes.verbs.conform import add_conform
 from pbrdf_bayes.verbs.design import add_design
+from pbrdf_bayes.verbs.export import add_export
 from pbrdf_bayes.verbs.one_sample import (
     add_bench,
     add_check,
     add_fit,
+    add_import,
     add_predict,
     add_report,
     add_simulate,
@@ -146,8 +148,8 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"pbrdf-bayes {__version__}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
     verbs_in_order = (
-        add_check, add_fit, add_batch, add_report, add_predict, add_conform, add_design,
-        add_simulate, add_bench,
+        add_check, add_import, add_fit, add_batch, add_report, add_predict, add_conform, add_design,
+        add_simulate, add_export, add_bench,
     )  # fmt: skip
     for add in verbs_in_order:
         add(verbs)

@@ -24,10 +24,18 @@ class Words(NamedTuple):
     fail: str = ""
 
 
+class Mistake(NamedTuple):
+    """Of one mistake of the bench."""
+
+    statement: str
+    remedy: str
+
+
 NOT_CONSTANTS = (
     "The parameters are fitted numbers, not material constants, and their uncertainties are not "
     "valid as such."
 )
+_LEFT_OUT = "They do not enter centre, limits, trend and spread."
 LOCAL_NORMAL = "local normal approximation"
 _LOOK_WHERE = "Look at the residuals for the angle at which the misfit starts."
 
@@ -213,6 +221,67 @@ OF_FIT = {
     ),
 }  # fmt: skip
 
+MISTAKES = {
+    "theta_r_sign": Mistake(
+        "The lobe of {names} lies at negative theta_r, on the side of the source.",
+        "Reverse the sign of theta_r_deg there: + is the forward side.",
+    ),
+    "sign_lost": Mistake(
+        "The angles of {names} occur twice with different values, and no theta_r is negative.",
+        "Restore the sign of theta_r_deg: + forward, - backward.",
+    ),
+    "swapped_polarization": Mistake(
+        "p is brighter than s in {where}. Every surface reflects s at least as much.",
+        "Exchange s and p in the column polarization there.",
+    ),
+    "cosine_factor.times": Mistake(
+        "The backward side falls like cos(theta_r) to the power {size:.2f} towards grazing "
+        "theta_r, in {n} scan ends. A BRDF levels out there.",
+        "The values look like BRDF times cos(theta_r). Divide them by cos(theta_r).",
+    ),
+    "cosine_factor.over": Mistake(
+        "The backward side rises like cos(theta_r) to the power {size:.2f} towards grazing "
+        "theta_r, in {n} scan ends. A BRDF levels out there.",
+        "The values look like BRDF over cos(theta_r). Multiply them by cos(theta_r).",
+    ),
+    "clipped": Mistake(
+        "The highest {n} readings of scan {label} are one number, {size:.4g} sr^-1. The detector "
+        "was at its limit.",
+        "Flag these rows, or measure the peak again with less gain.",
+    ),
+    "shadow": Mistake(
+        "Readings about theta_r = -theta_i of {names} lie {depth:.2g} dex below the curve on both "
+        "sides. The detector stands in the beam.",
+        "Give these rows the flag obscured.",
+    ),
+    "shuffled": Mistake(
+        "Neighbouring readings of scan {label} differ as much as any two of it ({percent:.0f} % "
+        "from point to point).",
+        "Check whether the values of this scan still belong to their angles.",
+    ),
+    "scan_gain": Mistake(
+        "Scan {label} lies a factor of {size:.3g} from the level of the other scans.",
+        "Check the gain and the filter of this scan, or flag it.",
+    ),
+    "pi_factor.times": Mistake(
+        "The scans integrate to {size:.2f} times the DHR, about pi.",
+        "Divide the BRDF by pi if the values are reflectance factors, or check both scales.",
+    ),
+    "pi_factor.over": Mistake(
+        "The scans integrate to {size:.2f} times the DHR, about 1/pi.",
+        "Multiply the BRDF by pi if the values are BRDF over pi, or check both scales.",
+    ),
+    "zero_theta_r": Mistake(
+        "At normal incidence the scans are symmetric about theta_r = {size:+.2f} deg.",
+        "Correct theta_r_deg by {shift:+.2f} deg, or theta_i_deg, or align the goniometer.",
+    ),
+    "stated_sigma": Mistake(
+        "Readings scatter {size:.3g} times as much from point to point as sigma states.",
+        "Check the unit of sigma: it is the standard uncertainty of value in the same unit.",
+    ),
+}
+"""Statement and remedy of mistakes of the bench."""
+
 PHRASES = {
     # readings
     "repeatability.skip": "No geometry was measured more than once.",
@@ -349,8 +418,12 @@ PHRASES = {
     "reservation.failed": "Intervals and bands are not valid as they stand: a check failed.",
     "batch.not_converged": "{folder}: not converged within max_steps. Results are kept and marked. "
     "Raise max_steps in the configuration, and go on with --resume",
-    "batch.failed": f"{{samples}} the verdict Fail. {NOT_CONSTANTS} Crosses show them. They do "
-    "not enter centre, limits, trend and spread.",
+    "batch.failed": f"{{samples}} the verdict Fail. {NOT_CONSTANTS} Crosses show them. {_LEFT_OUT}",
+    "batch.unidentified": "The readings do not identify {listed}: the prior decides. Crosses show "
+    f"these numbers. {_LEFT_OUT}",
+    "parameter.assumed": "assumed, not measured",
+    "parameter.identified": "identified by the data",
+    "parameter.prior": "not identified: the prior decides",
     # design
     "design.not_converged": "The sampler did not converge: the draws behind this design are "
     "provisional. Resume the fit, or fit again with a higher --accuracy, and ask again.",
@@ -400,6 +473,18 @@ def say(key: str, **numbers: Any) -> str:
     'n is at the bound of its prior'
     """
     return PHRASES[key].format(**numbers)
+
+
+def of_mistake(code: str, **numbers: Any) -> tuple[str, str]:
+    """Statement and remedy of a mistake of the bench.
+
+    Examples
+    --------
+    >>> of_mistake("scan_gain", label="s 20 deg", size=2.0)[0]
+    'Scan s 20 deg lies a factor of 2 from the level of the other scans.'
+    """
+    statement, remedy = MISTAKES[code]
+    return statement.format(**numbers), remedy.format(**numbers)
 
 
 def counted(n: int, noun: str) -> str:

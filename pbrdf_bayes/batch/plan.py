@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -13,7 +14,6 @@ from pathlib import Path
 from pbrdf_bayes import __version__
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.errors import DataError
-from pbrdf_bayes.io.alike import likeness
 from pbrdf_bayes.io.config_toml import config_table
 from pbrdf_bayes.io.problems import printable
 from pbrdf_bayes.io.safe_names import safe_name
@@ -103,18 +103,23 @@ def _with_look_alikes(jobs: Sequence[Job]) -> tuple[Job, ...]:
     """The jobs, with a notice where the name of another looks the same and is not."""
     alike: dict[str, dict[str, int]] = {}
     for i, job in enumerate(jobs):
-        alike.setdefault(likeness(job.sample), {}).setdefault(job.sample, i)
+        alike.setdefault(_likeness(job.sample), {}).setdefault(job.sample, i)
     found = []
     for job in jobs:
         others = [
             f"No. {i + 1} {name!a}"
-            for name, i in islice(alike[likeness(job.sample)].items(), _MOST_ALIKE)
+            for name, i in islice(alike[_likeness(job.sample)].items(), _MOST_ALIKE)
             if name != job.sample
         ]
         text = f"The name {job.sample!a} is easily taken for that of {', '.join(others)}."
         notice = f"{job.notice} {text}".strip() if others else job.notice
         found.append(replace(job, notice=notice))
     return tuple(found)
+
+
+def _likeness(name: str) -> str:
+    """What names have in common that differ by capitals, blanks or widths alone."""
+    return " ".join(unicodedata.normalize("NFKC", name).casefold().split())
 
 
 def in_order(files: Sequence[Path]) -> list[Path]:

@@ -265,7 +265,7 @@ def _readings_of(posterior: Posterior, x: Array, key: Key) -> dict[str, Any] | N
         "read_deg": brdf.theta_r_deg[at],
         "scan": np.repeat([number for number, _ in mine], [len(scan) for _, scan in mine]),
         "residual": rows.y[at] - np.log(posterior.predict(x, geometry)[0]),
-        "variance": x[:, [rows.noise_column[mine[0][0]]]] ** 2 + law.stated2[at],
+        "variance": x[:, [rows.noise_column[mine[0][0]]]] ** 2 + rows.u2[at],
     }
 
 

@@ -265,10 +265,9 @@ def _stated_variance(beliefs: Beliefs, polarization: str) -> float:
     p = beliefs.posterior
     if not beliefs.measured:
         return 0.0
-    stated = p.rows.u2 if p.discrepancy is None else p.discrepancy.stated2
-    of_q = stated[p.measurement.brdf.polarization == polarization]
+    of_q = p.rows.u2[p.measurement.brdf.polarization == polarization]
     if not of_q.size:
-        of_q = stated
+        of_q = p.rows.u2
     return float(np.median(of_q)) if of_q.size else 0.0
 
 

@@ -43,6 +43,7 @@ from pbrdf_bayes.design.scans import (
 )
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.quantities import POLARIZATIONS
+from pbrdf_bayes.readings.observation import reading_law
 
 Array = NDArray[np.float64]
 
@@ -192,12 +193,12 @@ class Evaluated:
 def bright_readings(stage: Stage, candidate: Candidate) -> NDArray[np.bool_]:
     """Readings of a scan expected above the instrument's floor."""
     angles = np.array(candidate.theta_r_deg)
-    floor2 = stage.beliefs.posterior.rows.floor2
-    if floor2 == 0.0:
+    floor = stage.beliefs.posterior.config.brdf_floor
+    if floor == 0.0:
         return np.ones(angles.size, dtype=bool)
     there = scan_geometry(candidate.theta_i_deg, angles, candidate.polarization)
     brdf = stage.beliefs.posterior.predict(stage.linear.x, there)[0]
-    return np.asarray(np.median(brdf, axis=0) ** 2 > floor2)
+    return np.asarray(reading_law(np.median(brdf, axis=0), floor).share > 0.5)
 
 
 def told_by(stage: Stage, candidate: Candidate) -> Told:

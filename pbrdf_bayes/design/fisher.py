@@ -21,6 +21,7 @@ from pbrdf_bayes.design.candidates import Candidate
 from pbrdf_bayes.design.hemispherical import gain_law, hemispherical_values
 from pbrdf_bayes.design.scans import PlannedScan, law_of_rows, measured_rows
 from pbrdf_bayes.measurement import Scan
+from pbrdf_bayes.readings.observation import reading_law
 
 Array = NDArray[np.float64]
 
@@ -99,9 +100,7 @@ def scan_precisions(
     """
     p = beliefs.posterior
     law = law_of_rows(beliefs, planned, sets, brdf)
-    floor2 = p.rows.floor2
-    log_moved = 0.5 * np.log(np.maximum(moved, 1e-280) ** 2 + floor2)
-    slopes = slopes_of(log_moved, steps)
+    slopes = slopes_of(reading_law(moved, p.config.brdf_floor).mean, steps)
     gap = np.abs(planned.theta_r_deg[:, None] - planned.theta_r_deg)
     same = planned.scan[:, None] == planned.scan
     new, old = planned.new, ~planned.new

@@ -21,7 +21,6 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _LN_2PI = float(np.log(2.0 * np.pi))
-_LEAST_SHARE = 1e-6
 
 
 @compiled()
@@ -57,7 +56,7 @@ def _filter_gains(
             p00 = s00 * f00 + s01 * f01 + tau * tau * away00
             p01 = s00 * f10 + s01 * f11 + tau * tau * away01
             p11 = s10 * f10 + s11 * f11 + tau * tau * away11
-        h = max(share[a], _LEAST_SHARE)
+        h = share[a]
         s = p00 + variance[a] / (h * h)
         k0, k1 = p00 / s, p01 / s
         steps[0, a], steps[1, a], steps[2, a], steps[3, a] = f00, f01, f10, f11
@@ -112,7 +111,7 @@ def pair_log_likelihoods(
     scan : ndarray of int, shape (n_rows,)
         Which gain a row has, from 0 on.
     mean, share, variance : ndarray, shape (n_sets, n_rows)
-        Mean of ln of a reading, what is left of gain and discrepancy there, white variance.
+        Mean of ln of a reading, h of `readings.observation`, white variance.
     tau, ell : ndarray, shape (n_sets,)
         Discrepancy: amplitude [1], length [deg].
     rough : bool
@@ -147,7 +146,7 @@ def pair_log_likelihoods(
         for a in range(n_rows):
             f00, f01, f10, f11 = steps[0, a], steps[1, a], steps[2, a], steps[3, a]
             k0, k1, precision = steps[4, a], steps[5, a], steps[6, a]
-            centre, scale = mean[m, a], 1.0 / max(share[m, a], _LEAST_SHARE)
+            centre, scale = mean[m, a], 1.0 / share[m, a]
             row = y[a]
             for i in range(n_simulated):
                 m0 = f00 * first[i] + f01 * second[i]

@@ -22,15 +22,12 @@ from pbrdf_bayes.design.pairs import matched_log_likelihoods, pair_log_likelihoo
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.prediction.discrepancy import Process, draw_prior_discrepancy
 from pbrdf_bayes.inference.prediction.discrepancy_paths import draw_paths_given
-from pbrdf_bayes.inference.prediction.residuals import floored
 from pbrdf_bayes.measurement import Scan
 from pbrdf_bayes.physics.geometry import Geometry, prepare_geometry
+from pbrdf_bayes.readings.observation import Law, draw_readings, reading_law
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-
-_TINY = 1e-280
-_LEAST_SHARE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,13 +166,8 @@ def _measured_there(posterior: Posterior, candidate: Candidate) -> tuple[Scan, .
 
 def law_of_rows(beliefs: Beliefs, planned: PlannedScan, sets: DrawnSets, brdf: Array) -> RowLaw:
     """Law of the rows where the model gives ``brdf``, shape (n_sets, n_rows) [sr^-1]."""
-    floor2 = beliefs.posterior.rows.floor2
-    variance = np.repeat(sets.variance[planned.polarization][:, None], brdf.shape[1], axis=1)
-    share = np.ones(brdf.shape)
-    if floor2 > 0.0:
-        share = brdf**2 / (brdf**2 + floor2)
-        variance += 1.0 - share
-    return RowLaw(floored(np.log(np.maximum(brdf, _TINY)), floor2), share, variance, sets)
+    white = sets.variance[planned.polarization][:, None]
+    return RowLaw(*reading_law(brdf, beliefs.posterior.config.brdf_floor, white), sets)
 
 
 def draw_scans(beliefs: Beliefs, planned: PlannedScan, law: RowLaw, *, seed: int) -> Array:
@@ -211,7 +203,7 @@ def draw_scans(beliefs: Beliefs, planned: PlannedScan, law: RowLaw, *, seed: int
     ]
     old = ~new
     if old.any():
-        h = np.maximum(law.share[:, old], _LEAST_SHARE)
+        h = law.share[:, old]
         paths = draw_paths_given(
             processes, rngs, read_deg=theta_r[old], scan=planned.scan[old],
             residual=(planned.y[old] - law.mean[:, old]) / h,
@@ -223,8 +215,8 @@ def draw_scans(beliefs: Beliefs, planned: PlannedScan, law: RowLaw, *, seed: int
             draw_prior_discrepancy(process, rng, theta_r_deg=theta_r, group=zeros)
             for process, rng in zip(processes, rngs, strict=True)
         ])  # fmt: skip
-    drawn = law.mean[:, new] + law.share[:, new] * (gain + paths)
-    result[new] = (drawn + np.sqrt(law.variance[:, new]) * noise).T
+    of_new = Law(law.mean[:, new], law.share[:, new], law.variance[:, new])
+    result[new] = draw_readings(of_new, gain + paths, noise).T
     return result
 
 

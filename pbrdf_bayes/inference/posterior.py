@@ -343,6 +343,7 @@ def build_posterior(measurement: Measurement, config: RunConfig) -> Posterior:
         floor=config.brdf_floor,
         u_cal=RELATIVE_SCALE if config.brdf_scale == "relative" else config.u_brdf_cal,
         u_dhr_cal=config.u_dhr_cal,
+        correlated="tau" in columns,
     )
     discrepancy = None
     if "tau" in columns:

@@ -1,8 +1,8 @@
 """The bytes of a comma-separated file as chunks of cells with the lines they stand on.
 
-The csv module of the standard library reads them, not pandas: it is as fast here, knows the line
-of every row (quoted line breaks included), and shows rows that are too short or too long, which
-pandas fills or shifts in silence.
+The csv module of the standard library reads them, not pandas: it knows the line of every row
+(quoted line breaks included), and shows rows that are too short or too long, which pandas fills or
+shifts in silence.
 """
 
 from __future__ import annotations
@@ -12,11 +12,10 @@ import errno
 import io
 import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from itertools import accumulate, compress, islice
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,10 @@ from numpy.typing import NDArray
 from pbrdf_bayes.config import did_you_mean
 from pbrdf_bayes.errors import DataError
 from pbrdf_bayes.io.outside import read_ordinary
-from pbrdf_bayes.io.problems import N_LINES, Problem, Problems, compose_message
+from pbrdf_bayes.io.problems import Problem, Problems, compose_message
+
+if TYPE_CHECKING:
+    import _csv
 
 MAX_BYTES = 128 * 2**20
 """Largest file read, about two million readings: what is larger would not fit into memory."""
@@ -33,7 +35,9 @@ MAX_LINE_BYTES = 65_536
 MAX_ROW_LINES = 100
 """Lines that one row may take by line breaks in quotes."""
 MAX_COLUMNS = 1000
-CHUNK_ROWS, _CHUNK_CHARACTERS = 1024, 2**20
+_MOST_OWNERS = 10_000
+"""Samples of which rows that cannot be read are told apart."""
+_CHUNK_ROWS, _CHUNK_CHARACTERS = 4096, 2**20
 
 SAVE_AS_UTF8 = "Save the file as UTF-8 (in a spreadsheet: 'CSV UTF-8, comma delimited')."
 _FOREIGN = (
@@ -42,7 +46,6 @@ _FOREIGN = (
     (b"\xff\xfe", "text in UTF-16", SAVE_AS_UTF8),
     (b"\xfe\xff", "text in UTF-16", SAVE_AS_UTF8),
 )
-_NOT_PLAIN = (b"true", b"True", b"TRUE", b"false", b"False", b"FALSE")
 _SEPARATORS = {
     ";": ("semicolons", "sed 's/,/./g; s/;/,/g' OLD.csv > NEW.csv"),
     "\t": ("tabs", "sed 's/,/./g' OLD.csv | tr '\\t' ',' > NEW.csv"),
@@ -60,10 +63,27 @@ class Chunk:
 
 @dataclass(frozen=True)
 class Table:
-    """Header cells and an iterator over the rows, to be used once."""
+    """Header cells and an iterator over the rows, to be used once.
+
+    Attributes
+    ----------
+    header : tuple of str
+    chunks : iterator of Chunk
+        Rows with something in them and as many cells as the header.
+    unreadable : Problems
+        Other rows, added to while ``chunks`` is used: no text, too long, another number of cells.
+        ``sample`` of a problem is the cell of the column ``sample``, where it has one.
+    trailing : list of int
+        Lines with more cells than the header, all of them empty: read without these.
+    doubtful : list of int
+        Lines of unreadable rows of which a quote may have swallowed others.
+    """
 
     header: tuple[str, ...]
     chunks: Iterator[Chunk]
+    unreadable: Problems
+    trailing: list[int]
+    doubtful: list[int]
 
 
 def read_bytes(path: str | Path) -> bytes:
@@ -89,87 +109,43 @@ def read_bytes(path: str | Path) -> bytes:
         refuse(path, f"the file cannot be read ({getattr(error, 'strerror', None) or error}).")
 
 
-def open_table(path: str | Path, data: bytes, problems: Problems) -> Table:
-    """Split ``data`` into a header and chunks; rows of another length go to ``problems``.
+def open_table(path: str | Path, data: bytes) -> Table:
+    """Split ``data`` into a header and chunks of rows.
 
     Raises
     ------
     DataError
-        When the content is not comma-separated text in UTF-8 with a header.
+        When the content is not comma-separated text with a header; from ``chunks`` where the
+        quotes do not tell the rows apart.
     """
-    _refuse_other_formats(path, data)
-    blocks = _blocks(path, data, problems)
-    first = next(blocks, ([], [[]]))[1][0]
-    header = tuple(cell.strip() for cell in first)
+    if not re.search(rb"[^\xef\xbb\xbf\s]", data):
+        refuse(path, "the file is empty. It needs a header and at least one row.")
+    for magic, name, remedy in _FOREIGN:
+        if data.startswith(magic):
+            refuse(path, f"this is {name}, not a CSV file. {remedy}")
+    if data.count(b"\r") != data.count(b"\r\n"):
+        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    if (n_rows := data.count(b"\n")) > MAX_ROWS:
+        reason = f"the file has {n_rows} lines (allowed: up to {MAX_ROWS})."
+        refuse(path, f"{reason} Split it, for example into one file for each sample.")
+    lines = _Lines(data.removeprefix(b"\xef\xbb\xbf"))
+    reader = csv.reader(lines, strict=True, skipinitialspace=True)
+    try:
+        header = tuple(cell.strip() for cell in next(reader))
+        lines.row_starts = reader.line_num + 1
+    except csv.Error as error:
+        broken = f"line 1: the quotes around a cell are broken ({error}). Close them."
+        refuse(path, lines.fatal or broken)
+    if lines.bad:
+        refuse(path, f"line 1: {lines.bad[0][2]}")
     if not any(header):
         refuse(path, "line 1 is empty. It must be the header with the column names.")
     _refuse_other_separators(path, header)
     if len(header) > MAX_COLUMNS:
         reason = f"line 1 has {len(header)} columns (allowed: up to {MAX_COLUMNS})."
         refuse(path, f"{reason} Keep those of the format, one reading a line.")
-    return Table(header, _chunks(blocks, len(header), problems))
-
-
-def without_quotes(data: bytes) -> bytes:
-    """Take the quotes away where each pair stands around a whole cell that does not need them."""
-    content = np.frombuffer(data, dtype=np.uint8)
-    is_quote = content == ord('"')
-    quotes = np.flatnonzero(is_quote)
-    if not quotes.size or quotes.size % 2:
-        return data
-    separates = (content == ord(",")) | (content == ord("\n")) | (content == ord("\r"))
-    first, last = quotes[::2], quotes[1::2]
-    bounded = (first == 0) | separates[first - 1]
-    bounded &= separates[np.minimum(last + 1, content.size - 1)] | (last == content.size - 1)
-    if not np.all(bounded):
-        return data
-    inside = np.zeros(content.size, dtype=np.int8)
-    inside[first], inside[last] = 1, -1
-    np.cumsum(inside, out=inside)
-    return data if np.any(separates & (inside > 0)) else data.replace(b'"', b"")
-
-
-@dataclass(frozen=True, eq=False)
-class PlainColumn(Sequence[str]):
-    """Cells of a column of a plain file, cut out of its lines when they are asked for."""
-
-    data: bytes
-    ends: NDArray[np.int64]
-    place: int
-
-    def __len__(self) -> int:
-        return int(self.ends.size) - 1
-
-    def __getitem__(self, row: Any) -> Any:
-        line = self.data[self.ends[row] + 1 : self.ends[row + 1]].decode()
-        return line.removesuffix("\r").split(",")[self.place]
-
-
-def plain_columns(data: bytes, header: Sequence[str]) -> dict[str, PlainColumn]:
-    """Columns of a plain file by name, the header not counted as a row."""
-    ends = np.flatnonzero(np.frombuffer(data, dtype=np.uint8) == ord("\n"))
-    ends = ends if data.endswith(b"\n") else np.append(ends, len(data))
-    return {name: PlainColumn(data, ends, place) for place, name in enumerate(header)}
-
-
-def is_plain(data: bytes, width: int) -> bool:
-    """Tell whether a file is of the plainest kind: rows of ``width`` cells, one a line, no quotes.
-
-    Words that pandas would read as a number do not occur in it either.
-    """
-    if b'"' in data or any(word in data for word in _NOT_PLAIN):
-        return False
-    if b"\r" in data and data.count(b"\r") != data.count(b"\r\n"):
-        return False
-    content = np.frombuffer(data, dtype=np.uint8)
-    ends = np.flatnonzero(content == ord("\n"))
-    if not data.endswith(b"\n"):
-        ends = np.append(ends, content.size)
-    if ends.size < 2 or data.count(b",") != ends.size * (width - 1):
-        return False
-    starts = np.concatenate([[0], ends[:-1] + 1])
-    n_commas = np.add.reduceat((content == ord(",")).view(np.uint8), starts, dtype=np.uint16)
-    return bool(np.all(n_commas == width - 1))
+    table = Table(header, iter(()), Problems(), [], [])
+    return replace(table, chunks=_chunks(path, reader, lines, table))
 
 
 def refuse(path: str | Path, reason: str) -> NoReturn:
@@ -186,38 +162,6 @@ def _similar_file(file: Path) -> str:
     return did_you_mean(file.name, names)
 
 
-def _refuse_other_formats(path: str | Path, data: bytes) -> None:
-    """Refuse what is not lines of text."""
-    if not re.search(rb"[^\xef\xbb\xbf\s]", data):
-        refuse(path, "the file is empty. It needs a header and at least one row.")
-    for magic, name, remedy in _FOREIGN:
-        if data.startswith(magic):
-            refuse(path, f"this is {name}, not a CSV file. {remedy}")
-    if (at := data.find(b"\0")) >= 0:
-        line = data.count(b"\n", 0, at) + 1
-        refuse(path, f"line {line} has a zero byte (at byte {at}): a binary file. {SAVE_AS_UTF8}")
-    if (n_rows := data.count(b"\n")) > MAX_ROWS:
-        reason = f"the file has {n_rows} lines (allowed: up to {MAX_ROWS})."
-        refuse(path, f"{reason} Split it, for example into one file for each sample.")
-    line, length = _longest_line(data)
-    if length > MAX_LINE_BYTES:
-        reason = f"line {line} is {length} bytes long (allowed: up to {MAX_LINE_BYTES})."
-        refuse(path, f"{reason} This is not one reading a line: check how the file was exported.")
-
-
-def _longest_line(data: bytes) -> tuple[int, int]:
-    """Find the number and the length [bytes] of the longest line."""
-    content = np.frombuffer(data, dtype=np.uint8)
-    is_break = content == ord("\n")
-    is_break |= content == ord("\r")
-    breaks = np.concatenate([[-1], np.flatnonzero(is_break), [content.size]])
-    lengths = np.diff(breaks) - 1
-    longest = int(np.argmax(lengths))
-    start = int(breaks[longest]) + 1
-    head = data[:start]
-    return max(head.count(b"\n"), head.count(b"\r")) + 1, int(lengths[longest])
-
-
 def _refuse_other_separators(path: str | Path, header: Sequence[str]) -> None:
     """Refuse semicolons and the like, saying how to convert."""
     line = ",".join(header)
@@ -230,103 +174,108 @@ def _refuse_other_separators(path: str | Path, header: Sequence[str]) -> None:
         refuse(path, f"{reason} Convert them: sed 's/  */,/g' OLD.csv > NEW.csv")
 
 
-def _blocks(
-    path: str | Path, data: bytes, problems: Problems
-) -> Iterator[tuple[list[int], list[list[str]]]]:
-    """Yield lines and rows: the header alone, then blocks; broken quotes end the file."""
-    text = io.TextIOWrapper(io.BytesIO(data), encoding="utf-8-sig", newline="")
-    source = _Lines(text)
-    reader = csv.reader(source, strict=True, skipinitialspace=True)
-    n_rows, line = 1, 1
-    while True:
-        rows: list[list[str]] = []
-        broken = ""
-        try:
-            for row in islice(reader, n_rows):
-                rows.append(row)
-                source.of_row = 0
-                if source.characters > _CHUNK_CHARACTERS:
-                    break
-        except UnicodeDecodeError:
-            _refuse_encoding(path, data)
-        except csv.Error as error:
-            broken = str(error)
-        lines = _start_lines(rows, line, reader.line_num)
-        line = lines.pop()
-        if rows:
-            yield lines, rows
-        if broken:
-            reason = f"the quotes around a cell are broken ({broken}), nothing after it was read."
-            problems.add(Problem(line, "", f"{reason} Close them; write a quote inside as two."))
-        if broken or not rows:
-            return
-        n_rows, source.characters = CHUNK_ROWS, 0
-
-
-@dataclass
 class _Lines:
-    """Lines of a text, counted, so that no row and no block of rows is without end."""
+    """Decoded lines for the csv reader; a line that is no text becomes an empty one, and ``bad``.
 
-    text: Iterator[str]
-    of_row: int = 0
-    characters: int = 0
+    It ends the file with a `csv.Error` where a row has too many lines, or a bad line may be a part
+    of a quoted cell.
+    """
+
+    def __init__(self, data: bytes) -> None:
+        self._lines = io.BytesIO(data)
+        self._number = self._place = 0
+        self._in_quotes = False
+        self.row_starts = 1
+        self.characters = 0
+        self.bad: list[tuple[int, bytes, str]] = []
+        self.fatal = ""
 
     def __iter__(self) -> Iterator[str]:
         return self
 
     def __next__(self) -> str:
-        line = next(self.text)
-        self.of_row += 1
-        self.characters += len(line)
-        if self.of_row > MAX_ROW_LINES:
+        line = next(self._lines)
+        self._number += 1
+        if self._number - self.row_starts >= MAX_ROW_LINES:
             msg = f"a row of more than {MAX_ROW_LINES} lines"
             raise csv.Error(msg)
-        return line
+        opens_or_closes = line.count(b'"') % 2 == 1
+        text, wrong = self._decode(line)
+        if wrong:
+            if self._in_quotes or opens_or_closes:
+                self.fatal = f"line {self._number}: {wrong}"
+                raise csv.Error(wrong)
+            self.bad.append((self._number, line[:MAX_LINE_BYTES], wrong))
+            text = "\n"
+        self._in_quotes ^= opens_or_closes
+        self._place += len(line)
+        self.characters += len(text)
+        return text
+
+    def _decode(self, line: bytes) -> tuple[str, str]:
+        """The text of a line, or what is wrong with it."""
+        if (n := len(line.rstrip(b"\r\n"))) > MAX_LINE_BYTES:
+            wrong = f"{n} bytes long (allowed: up to {MAX_LINE_BYTES}). This is not one reading a "
+            return "", f"{wrong}line: check how the file was exported."
+        if (at := line.find(b"\0")) >= 0:
+            where = f"(at byte {self._place + at})"
+            return "", f"a zero byte {where}: a binary file, or a damaged one. {SAVE_AS_UTF8}"
+        try:
+            return line.decode("utf-8"), ""
+        except UnicodeDecodeError as error:
+            where = f"0x{line[error.start]:02X} (at byte {self._place + error.start})"
+            return "", f"byte {where} is not UTF-8. {SAVE_AS_UTF8}"
 
 
-def _start_lines(rows: Sequence[Sequence[str]], first: int, last: int) -> list[int]:
-    """Line on which each row starts, and the one after them all; quoted cells may span several."""
-    if last - first + 1 == len(rows):
-        return list(range(first, last + 2))
-    breaks = (sum(len(re.findall(r"\r\n|\r|\n", cell)) for cell in row) for row in rows)
-    return list(accumulate((1 + n for n in breaks), initial=first))
+def _chunks(path: str | Path, reader: _csv.Reader, lines: _Lines, table: Table) -> Iterator[Chunk]:
+    """Gather rows into chunks; what is no row of the table goes to its other lists."""
+    width = len(table.header)
+    place = table.header.index("sample") if "sample" in table.header else width
+    numbers: list[int] = []
+    rows: list[list[str]] = []
 
+    def report(number: int, cells: Sequence[str], wrong: str, kind: str) -> None:
+        if any(";" in cell for cell in cells):
+            cells = ",".join(cells).split(";")
+        sample = cells[place].strip() if place < len(cells) else ""
+        if len(table.unreadable.found) > _MOST_OWNERS and sample not in table.unreadable.found:
+            sample = ""
+        table.unreadable.add(Problem(number, "", wrong, sample, kind=kind))
 
-def _refuse_encoding(path: str | Path, data: bytes) -> None:
-    """Say which byte is not UTF-8."""
-    try:
-        data.decode("utf-8")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        reason = f"line {line}: byte 0x{data[error.start]:02X} (at byte {error.start})"
-        refuse(path, f"{reason} is not UTF-8. {SAVE_AS_UTF8}")
+    def take_bad() -> None:
+        for number, line, wrong in lines.bad:
+            cells = line.decode("utf-8", "surrogateescape").split(",")
+            report(number, cells, wrong, wrong.partition(". ")[2])
+        lines.bad.clear()
 
-
-def _chunks(
-    blocks: Iterable[tuple[list[int], list[list[str]]]], width: int, problems: Problems
-) -> Iterator[Chunk]:
-    """Turn blocks of rows into columns, without rows that are blank or of another length."""
-    for lines, rows in blocks:
-        if set(map(len, rows)) != {width} or not all(map(any, rows)):
-            for problem in _ragged(lines, rows, width):
-                problems.add(problem)
-            keep = [len(row) == width and any(row) for row in rows]
-            lines, rows = list(compress(lines, keep)), list(compress(rows, keep))
-        if rows:
-            yield Chunk(np.array(lines), tuple(zip(*rows, strict=True)))
-
-
-def _ragged(lines: Sequence[int], rows: Sequence[Sequence[str]], width: int) -> Iterator[Problem]:
-    """One problem for each way in which rows differ from the header in length."""
-    kinds: dict[str, list[tuple[int, int]]] = {}
-    for line, row in zip(lines, rows, strict=True):
-        if len(row) != width and any(map(str.strip, row)):
-            kinds.setdefault(why_ragged(row, width), []).append((line, len(row)))
-    for remedy, found in kinds.items():
-        line, n = found[0]
-        text = f"{n} cell{'s' if n > 1 else ''} where the header has {width}. {remedy}"
-        first = tuple(line for line, _ in found[:N_LINES])
-        yield Problem(line, "", text, kind=remedy, n=len(found), lines=first)
+    while True:
+        try:
+            row = next(reader, None)
+        except csv.Error as error:
+            reason = f"line {lines.row_starts}: the quotes around a cell are broken ({error})."
+            refuse(path, lines.fatal or f"{reason} Close them; write a quote inside as two.")
+        if lines.bad:
+            take_bad()
+        full = len(rows) >= _CHUNK_ROWS or lines.characters > _CHUNK_CHARACTERS
+        if rows and (full or row is None):
+            yield Chunk(np.array(numbers), tuple(zip(*rows, strict=True)))
+            numbers, rows, lines.characters = [], [], 0
+        if row is None:
+            return
+        number, lines.row_starts = lines.row_starts, reader.line_num + 1
+        if len(row) > width and any(row) and not any(map(str.strip, row[width:])):
+            table.trailing.append(number)
+            del row[width:]
+        if len(row) == width and any(row):
+            numbers.append(number)
+            rows.append(row)
+        elif any(map(str.strip, row)):
+            remedy, n = why_ragged(row, width), len(row)
+            text = f"{n} cell{'s' if n > 1 else ''} where the header has {width}. {remedy}"
+            report(number, row, text, remedy)
+            odd = sum(cell.count('"') for cell in row) % 2 == 1
+            if odd or lines.row_starts > number + 1:
+                table.doubtful.append(number)
 
 
 def why_ragged(cells: Sequence[str], width: int) -> str:

@@ -52,6 +52,10 @@ class Problem:
         more = ", ..." if self.n > len(self.lines) else ""
         return f"The same in line{'s' if self.n > 2 else ''} {others}{more} ({self.n} rows in all)."
 
+    def of(self, sample: str) -> Problem:
+        """The same problem in lines of a sample."""
+        return replace(self, sample=sample)
+
     def joined(self, other: Problem) -> Problem:
         """The same problem in the lines of both."""
         first = min(self, other, key=lambda problem: problem.line)

@@ -1,55 +1,83 @@
-"""Tidy CSV in: one file, validated as a whole, to measurements of its samples."""
+"""Tidy CSV in: one file, validated as a whole, to measurements of its samples.
+
+The way of a file: `csv_table` cuts it into cells, `_convert` makes numbers and codes of words and
+checks them against `tidy_columns`, `_group` finds samples and wavelengths, `_build` makes each a
+`Measurement`.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from math import isfinite
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import isclose, isfinite, nan
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.config import did_you_mean
 from pbrdf_bayes.errors import ConfigError, DataError
-from pbrdf_bayes.io.alike import spelled_with_blanks
-from pbrdf_bayes.io.csv_table import (
-    MAX_ROWS,
-    Table,
-    open_table,
-    plain_columns,
-    read_bytes,
-    refuse,
-    without_quotes,
+from pbrdf_bayes.io.csv_table import MAX_ROWS, Chunk, open_table, read_bytes, refuse
+from pbrdf_bayes.io.formats.content import Decided
+from pbrdf_bayes.io.formats.dispatch import Foreign, convert, import_files
+from pbrdf_bayes.io.formulas import unguard
+from pbrdf_bayes.io.problems import (
+    N_LINES,
+    N_LISTED,
+    Problem,
+    Problems,
+    compose_message,
+    printable,
+    show_cell,
 )
-from pbrdf_bayes.io.problems import Problem, Problems, compose_message, printable, show_cell
-from pbrdf_bayes.io.set_aside import set_aside
-from pbrdf_bayes.io.tidy_choice import Key, choose_key, explain_sample
 from pbrdf_bayes.io.tidy_columns import (
+    BRDF_WITH_FLOOR,
+    COLUMN,
+    MINUS,
     MOST_SAMPLES,
-    QUANTITIES,
-    TooManyWordsError,
+    NUMBER_COLUMNS,
+    OVERLOAD,
+    WORD_COLUMNS,
+    Range,
     check_header,
+    explain_number,
+    explain_word,
     missing_column,
+    to_floats,
 )
-from pbrdf_bayes.io.tidy_flags import Flags, count_flags, excluded_by_flag
 from pbrdf_bayes.io.tidy_notices import notice
-from pbrdf_bayes.io.tidy_rows import (
-    Rows,
-    join_rows,
-    new_codebooks,
-    rows_from_cells,
-    rows_from_plain,
+from pbrdf_bayes.io.tidy_writer import replace_file, write_tidy_csv
+from pbrdf_bayes.measurement import (
+    Measurement,
+    is_label,
+    is_name,
+    measurement_from_columns,
 )
-from pbrdf_bayes.io.tidy_rules import NumberRule, check_rows, number_rules
-from pbrdf_bayes.io.tidy_writer import write_tidy_csv
-from pbrdf_bayes.measurement import POLARIZATIONS, Measurement, measurement_from_columns
-
-_MOST_SCANS = 100_000
 
 __all__ = [
-    "TidyFile", "read_measurement", "read_samples", "read_usable_samples", "write_tidy_csv",
+    "TidyFile", "import_readings", "read_measurement", "read_samples", "read_usable_samples",
+    "write_tidy_csv",
 ]  # fmt: skip
+
+Key = tuple[str, float]
+"""Sample and wavelength [um]."""
+Rows = Mapping[str, NDArray[Any]]
+"""Columns by name, shape (n_rows,): numbers, codes of words, ``line``, ``used`` and ``bad``."""
+Flags = Mapping[Key, Mapping[str, int]]
+"""Flagged rows by flag, by sample and wavelength; "" and 0 where they name none."""
+
+SAME_WAVELENGTH = 1e-4
+"""Wavelengths of a sample that differ by less, relatively, are one."""
+_LEAST_SIGMA = 1e-8
+"""Of ``value``: no instrument is better."""
+_MOST_SCANS = 100_000
+_ANY_FLOOR = 1e-300
+"""Noise floor [sr^-1] with which any finite BRDF is admitted."""
+_MOST_COUNTS = 1_000_000
+_MOST_SPELLINGS = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,16 +121,19 @@ class TidyFile:
 
 @dataclass(frozen=True, eq=False)
 class _Content:
-    """Converted rows of a file and what was found in it; `Rows` has indices into the words."""
+    """Checked rows of a file; ``problems`` is all that is wrong, ``words`` what codes mean."""
 
     path: str
     sha256: str
     rows: Rows
-    bad: NDArray[np.bool_]
-    words: Mapping[str, Sequence[str]]
+    words: Mapping[str, _Words]
     problems: Problems
     warnings: tuple[str, ...]
-    spelled: Mapping[str, tuple[str, ...]]
+
+    @property
+    def message(self) -> str:
+        """All problems as one text."""
+        return compose_message(self.path, self.problems.listed(), self.problems.n)
 
 
 def read_measurement(
@@ -124,7 +155,8 @@ def read_measurement(
     sample : str, optional
         Name of the sample; needed where the file has several.
     wavelength_um : float, optional
-        Wavelength [um]; needed where the sample has several.
+        Wavelength [um]; needed where the sample has several. Those that agree within
+        `SAME_WAVELENGTH` are one.
     brdf_floor : float, optional
         Noise-equivalent BRDF of the instrument [sr^-1]. Above 0, readings of zero or less are
         accepted: the likelihood treats them as censored.
@@ -154,16 +186,89 @@ def read_measurement(
     ('green', 3.39, 1, 1)
     >>> folder.cleanup()
     """
-    content = _read(path, read_bytes(path), brdf_floor)
+    return _measurement(_read(path, brdf_floor, rows_of_no_sample=False), sample, wavelength_um)
+
+
+def _measurement(content: _Content, sample: str | None, wavelength_um: float | None) -> Measurement:
+    """The readings of one sample at one wavelength."""
     groups = _group(content)
-    key = choose_key(_names_in_use(content), list(groups), sample, wavelength_um)
+    key = _choose(_names_in_use(content), list(groups), sample, wavelength_um)
     if isinstance(key, Problem):
         content.problems.add(key)
     if content.problems.n or key is None or isinstance(key, Problem):
-        raise DataError(_message(content))
-    return _build(
-        content, key, groups[key], count_flags(content.path, content.rows, content.words, [key])
-    )
+        raise DataError(content.message)
+    return _build(content, key, groups[key], _count_flags(content, [key]))
+
+
+def import_readings(*paths: str | Path, brdf_floor: float = 0.0, **decisions: Any) -> Measurement:
+    """Read files as laboratories have them into one measurement.
+
+    Parameters
+    ----------
+    *paths : str or Path
+        Files of one sample in any of the formats of `pbrdf_bayes.io.formats`: content decides,
+        not the extension.
+    brdf_floor : float, optional
+        As in `read_measurement` [sr^-1].
+    **decisions
+        What the files leave open, see `Decided`: ``format``, ``sample``, ``polarization``,
+        ``wavelength_um``, ``theta_i_deg``, ``forward``, ``value``, ``unit``, ``sheet``.
+
+    Returns
+    -------
+    Measurement
+        ``warnings`` holds every decision.
+
+    Raises
+    ------
+    DataError
+        A file is damaged, in no format that is known, or leaves something undecided: the option
+        that decides is named (`UndecidedError`).
+    ConfigError
+        A decision is none of those that there are.
+    """
+    try:
+        decided = Decided(**decisions)
+    except TypeError:
+        known = list(Decided.__dataclass_fields__)
+        wrong = next(name for name in decisions if name not in known)
+        msg = f"{wrong!r} is not a decision.{did_you_mean(wrong, known)} Known: {', '.join(known)}"
+        raise ConfigError(msg) from None
+    content = _read_foreign(paths, import_files(paths, decided), brdf_floor)
+    return _measurement(content, None, None)
+
+
+def import_to_csv(paths: Sequence[str | Path], decided: Decided, out: Path) -> tuple[str, ...]:
+    """Write files of one sample as a tidy CSV; return the decisions.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+    decided : Decided
+        What the files leave open.
+    out : Path
+
+    Raises
+    ------
+    DataError, ConfigError
+        As `import_readings`; nothing is written then.
+    """
+    foreign = import_files(paths, decided)
+    content = _read_foreign(paths, foreign, _ANY_FLOOR)
+    if content.problems.n:
+        raise DataError(content.message)
+    replace_file(out, foreign.text)
+    return (*foreign.decisions, *content.warnings[len(foreign.decisions) :])
+
+
+def _read_foreign(paths: Sequence[str | Path], foreign: Foreign, brdf_floor: float) -> _Content:
+    """Rows of files that were converted."""
+    digest = next(iter(foreign.sha256.values())) if len(paths) == 1 else ""
+    digest = digest or hashlib.sha256("".join(foreign.sha256.values()).encode()).hexdigest()
+    return _read_data(
+        paths[0], foreign.text.encode(), digest, brdf_floor, foreign.decisions,
+        rows_of_no_sample=False,
+    )  # fmt: skip
 
 
 def read_samples(path: str | Path, *, brdf_floor: float = 0.0) -> TidyFile:
@@ -176,13 +281,13 @@ def read_samples(path: str | Path, *, brdf_floor: float = 0.0) -> TidyFile:
     ------
     DataError
         When the file as a whole is not usable: no such file, not text, header not right, rows
-        that belong to no sample.
+        that cannot be read or belong to no sample.
     ConfigError
         When ``brdf_floor`` is negative or not finite.
     """
-    content = _read(path, read_bytes(path), brdf_floor)
+    content = _read(path, brdf_floor, rows_of_no_sample=False)
     if "" in content.problems.found:
-        raise DataError(_message(content))
+        raise DataError(content.message)
     return _tidy_file(content)
 
 
@@ -199,21 +304,7 @@ def read_usable_samples(path: str | Path, *, brdf_floor: float = 0.0) -> TidyFil
         As `read_samples`, where that is not the fault of single rows: the quotes are unbalanced,
         the header is wrong.
     """
-    try:
-        return read_samples(path, brdf_floor=brdf_floor)
-    except DataError as error:
-        data = read_bytes(path)
-        aside = set_aside(data)
-        try:
-            content = _read(path, aside.data, brdf_floor) if aside.problems.n else None
-        except DataError:
-            raise error from None
-        if content is None or "" in content.problems.found:
-            raise
-    content.problems.extend(aside.problems)
-    said = (f"not read, and may be of this sample: {p}" for p in aside.problems.listed(""))
-    sha256 = hashlib.sha256(data).hexdigest()
-    return _tidy_file(replace(content, sha256=sha256, warnings=(*content.warnings, *said)))
+    return _tidy_file(_read(path, brdf_floor, rows_of_no_sample=True))
 
 
 def _tidy_file(content: _Content) -> TidyFile:
@@ -223,100 +314,345 @@ def _tidy_file(content: _Content) -> TidyFile:
     return TidyFile(
         source=Path(content.path).name,
         sha256=content.sha256,
-        n_rows=len(content.rows),
+        n_rows=content.rows["line"].size,
         measurements=measurements,
         errors=errors,
         first_lines=_first_lines(content, errors),
         problems=content.problems.listed(),
         n_problems=content.problems.n,
         warnings=content.warnings,
-        message=_message(content) if content.problems.n else "",
+        message=content.message if content.problems.n else "",
     )
 
 
-def _read(path: str | Path, data: bytes, brdf_floor: float) -> _Content:
+# Cells to checked rows
+
+
+class _Words(dict[str, int]):
+    """Code of the word in each cell of a text column, its blanks and formula guard left out."""
+
+    def __init__(self, path: str, column: str) -> None:
+        super().__init__()
+        self.path, self.column = path, COLUMN[column]
+        self.words: list[str] = []
+        self.allowed: list[bool] = []
+        self.spellings: list[list[str]] = []
+        self._codes: dict[str, int] = {}
+
+    def __missing__(self, cell: str) -> int:
+        if len(self) > self.column.most:
+            what = f"column {self.column.name} has more than {self.column.most} different words"
+            refuse(self.path, f"{what} (allowed: up to that). Split the file into several, for "
+                              "example by lots.")  # fmt: skip
+        word = unguard(cell.strip())
+        self[cell] = code = self._codes.setdefault(word, len(self.words))
+        if code == len(self.words):
+            self.words.append(word)
+            self.allowed.append(self._allows(word))
+            self.spellings.append([])
+        if len(self.spellings[code]) < _MOST_SPELLINGS:
+            self.spellings[code].append(cell)
+        return code
+
+    def _allows(self, word: str) -> bool:
+        if self.column.words:
+            return word in self.column.words
+        if self.column.name == "sample":
+            return is_name(word)
+        return not self.column.longest or is_label(word)
+
+    def encode(self, cells: Sequence[str]) -> NDArray[np.int64]:
+        """Code of each cell, shape (n_rows,)."""
+        return np.fromiter(map(self.__getitem__, cells), np.int64, len(cells))
+
+
+def _read(path: str | Path, brdf_floor: float, *, rows_of_no_sample: bool) -> _Content:
     """Convert and check every row; refuse only what leaves no rows to speak of."""
     if not (isfinite(brdf_floor) and brdf_floor >= 0):
         msg = f"brdf_floor = {brdf_floor!r} is not allowed: give a BRDF [sr^-1] of 0 or more"
         raise ConfigError(msg)
+    data = read_bytes(path)
+    foreign = convert(path, data)
+    digest = hashlib.sha256(data).hexdigest()
+    if foreign is not None:
+        data = foreign.text.encode()
+    return _read_data(path, data, digest, brdf_floor, foreign.decisions if foreign else (),
+                      rows_of_no_sample=rows_of_no_sample)  # fmt: skip
+
+
+def _read_data(
+    path: str | Path, data: bytes, digest: str, brdf_floor: float, decisions: tuple[str, ...], *,
+    rows_of_no_sample: bool,
+) -> _Content:  # fmt: skip
+    """Rows of a tidy CSV; ``digest`` and ``decisions`` are of the file that it was made of."""
+    table = open_table(path, data)
     problems = Problems()
-    table = open_table(path, data, problems)
-    warnings = check_header(table.header, problems)
+    warnings = (*decisions, *check_header(table.header, problems))
     if problems.n:
         raise DataError(compose_message(str(path), problems.listed(), problems.n))
-    try:
-        rows, bad, words = _convert(data, table, number_rules(brdf_floor=brdf_floor), problems)
-    except TooManyWordsError as error:
-        refuse(path, f"{error}. Split the file into several, for example by lots.")
-    if not len(rows) and not problems.n:
+    words = {name: _Words(str(path), name) for name in WORD_COLUMNS}
+    parts, minus, has_minus = [], [], MINUS.encode() in data
+    for chunk in table.chunks:
+        parts.append(_convert(chunk, table.header, words, problems, brdf_floor=brdf_floor))
+        if has_minus:
+            minus += _lines_with_minus(chunk, table.header)
+    names = parts[0] if parts else ()
+    rows: Rows = {name: np.concatenate([part[name] for part in parts]) for name in names}
+    said = _set_aside(table.unreadable, problems, words["sample"], table.header, rows_of_no_sample)
+    if not rows and not problems.n:
         problems.add(Problem(0, "", "the file has a header but no rows. Add the readings."))
-    if not len(rows):
+    if not rows:
         raise DataError(compose_message(str(path), problems.listed(), problems.n))
-    if "theta_r_deg" not in table.header and np.any(rows.used & (rows.quantity == 0)):
+    is_brdf = rows["quantity"] == words["quantity"]["brdf"]
+    incomplete = "theta_r_deg" not in table.header and bool(np.any(rows["used"] & is_brdf))
+    if incomplete:
         problems.add(missing_column("theta_r_deg", table.header))
-    digest = hashlib.sha256(data).hexdigest()
-    spelled = spelled_with_blanks(path, data)
-    return _Content(printable(str(path)), digest, rows, bad, words, problems, warnings, spelled)
+    if rows_of_no_sample and (incomplete or table.doubtful):
+        raise DataError(compose_message(str(path), problems.listed(), problems.n))
+    if table.trailing:
+        what = f"empty cells at the end of {len(table.trailing)} lines"
+        warnings += (f"{what} (first: line {table.trailing[0]}), left out.",)
+    if minus:
+        what = f"numbers with U+2212, a minus sign that is no hyphen, in {len(minus)} lines"
+        warnings += (f"{what} (first: line {minus[0]}) are read as if it were one.",)
+    rows = _merge_wavelengths(rows)
+    return _Content(printable(str(path)), digest, rows, words, problems, (*warnings, *said))
 
 
 def _convert(
-    data: bytes, table: Table, rules: Sequence[NumberRule], problems: Problems
-) -> tuple[Rows, NDArray[np.bool_], Mapping[str, Sequence[str]]]:
-    """Convert all rows at once, or cell by cell where that is not possible; find the bad ones."""
-    codebooks = new_codebooks()
-    words = {name: book.words for name, book in codebooks.items()}
-    bare = without_quotes(data)
-    plain = rows_from_plain(bare, table.header, codebooks)
-    if plain is not None and not np.any(plain.may_be_blank):
-        bad_rows = check_rows(
-            plain, plain_columns(bare, table.header), words, rules=rules, problems=problems,
-            nan_is_empty=True,
-        )  # fmt: skip
-        return plain, bad_rows, words
-    parts, bad = [], []
-    for chunk in table.chunks:
-        cells = dict(zip(table.header, chunk.columns, strict=True))
-        parts.append(rows_from_cells(chunk.line, cells, codebooks))
-        bad.append(check_rows(parts[-1], cells, words, rules=rules, problems=problems))
-    return join_rows(parts), np.concatenate([np.zeros(0, dtype=bool), *bad]), words
+    chunk: Chunk, header: Sequence[str], words: Mapping[str, _Words], problems: Problems, *,
+    brdf_floor: float,
+) -> dict[str, NDArray[Any]]:  # fmt: skip
+    """Numbers and codes of some rows; what is wrong with them goes to ``problems``."""
+    cells = dict(zip(header, chunk.columns, strict=True))
+    n_rows, blank = len(chunk.line), ("",) * len(chunk.line)
+    rows: dict[str, NDArray[Any]] = {"line": chunk.line}
+    for name, book in words.items():
+        rows[name] = book.encode(cells.get(name, blank))
+    for name in NUMBER_COLUMNS:
+        rows[name] = to_floats(cells[name]) if name in cells else np.full(n_rows, nan)
+    flags = words["flag"].words
+    rows["used"] = np.array([word.lower() in ("", "ok") for word in flags])[rows["flag"]]
+    rows["bad"] = np.zeros(n_rows, dtype=bool)
+    names = words["sample"].words
+    for column, index, allowed in _breaches(rows, cells, words, brdf_floor):
+        rows["bad"][index] = True
+        kinds: dict[tuple[str, int], list[int]] = {}
+        for i, code in zip(index.tolist(), rows["sample"][index].tolist(), strict=True):
+            _, kind = _explain(cells[column][i], column, allowed)
+            kinds.setdefault((kind, code), []).append(i)
+        for (kind, code), members in kinds.items():
+            text = "".join(_explain(cells[column][members[0]], column, allowed))
+            lines = tuple(chunk.line[members[:N_LINES]].tolist())
+            problems.add(Problem(lines[0], column, text, names[code], kind, len(members), lines))
+    return rows
 
 
-def _message(content: _Content) -> str:
-    """All problems of a file as one message."""
-    return compose_message(content.path, content.problems.listed(), content.problems.n)
+def _lines_with_minus(chunk: Chunk, header: Sequence[str]) -> list[int]:
+    """Lines with a minus sign that is no hyphen in a number."""
+    found: set[int] = set()
+    for name, cells in zip(header, chunk.columns, strict=True):
+        if name in NUMBER_COLUMNS:
+            has_one = np.array([MINUS in cell for cell in cells])
+            found.update(chunk.line[has_one].tolist())
+    return sorted(found)
+
+
+def _explain(cell: str, column: str, allowed: Range | str | None) -> tuple[str, str]:
+    if isinstance(allowed, str):
+        return show_cell(cell.strip())[1:-1], allowed
+    if allowed is None:
+        return explain_word(cell, COLUMN[column])
+    return explain_number(cell, allowed, column)
+
+
+def _breaches(
+    rows: Rows, cells: Mapping[str, Sequence[str]], words: Mapping[str, _Words], brdf_floor: float
+) -> Iterator[tuple[str, NDArray[np.int64], Range | str | None]]:
+    """Column, rows that break a rule, and the rule or what it says."""
+    for name, book in words.items():
+        if name in cells:
+            yield name, np.flatnonzero(rows["used"] & ~np.array(book.allowed)[rows[name]]), None
+    for name in NUMBER_COLUMNS:
+        if name not in cells:
+            continue
+        for quantity, allowed in COLUMN[name].ranges.items():
+            if name == "value" and quantity == "brdf" and brdf_floor > 0:
+                allowed = BRDF_WITH_FLOOR
+            wrong = rows["used"] & ~allowed.accepts(rows[name])
+            if name == "value":
+                wrong |= rows["used"] & (np.abs(rows[name]) >= OVERLOAD)
+            if quantity:
+                wrong &= rows["quantity"] == words["quantity"][quantity]
+            index = np.flatnonzero(wrong)
+            if allowed.not_stated:
+                column, unstated = cells[name], allowed.not_stated
+                stated = [column[i].strip().lower() not in unstated for i in index.tolist()]
+                index = index[np.array(stated, dtype=bool)]
+            yield name, index, allowed
+    sigma, value = rows["sigma"], np.abs(rows["value"])
+    too_small = rows["used"] & (sigma > 0) & (sigma < _LEAST_SIGMA * value)
+    yield "sigma", np.flatnonzero(too_small), (
+        f" is less than {_LEAST_SIGMA:g} of value: no instrument is that good. Give the standard "
+        "uncertainty, or leave the cell empty."
+    )  # fmt: skip
+
+
+def _set_aside(
+    unreadable: Problems, problems: Problems, samples: _Words, header: Sequence[str],
+    rows_of_no_sample: bool,
+) -> tuple[str, ...]:  # fmt: skip
+    """Give rows that cannot be read to their samples, or to none; return a warning for all."""
+    nameless = Problems()
+    for name, own in unreadable.found.items():
+        name = unguard(name)
+        # Where the name is not the first cell, it may be another cell that has shifted.
+        known = is_name(name) and (header.index("sample") == 0 or name in samples.words)
+        for problem in own.values():
+            owner = name if known and rows_of_no_sample else ""
+            (problems if owner else nameless).add(problem.of(owner))
+    if rows_of_no_sample:
+        for problem in problems.found.pop("", {}).values():
+            nameless.add(problem)
+            problems.n -= problem.n
+    problems.extend(nameless)
+    if not rows_of_no_sample:
+        return ()
+    rows = (p for p in nameless.listed() if p.column in ("", "sample"))
+    return tuple(f"not read, and may be of this sample: {p}" for p in rows)
+
+
+def _merge_wavelengths(rows: Rows) -> Rows:
+    """Give readings of one sample the wavelength of most of them, where they nearly agree."""
+    wavelength, sample = rows["wavelength_um"], rows["sample"]
+    index = np.flatnonzero(wavelength > 0)
+    index = index[np.lexsort((wavelength[index], sample[index]))]
+    x, code = wavelength[index], sample[index]
+    if not index.size:
+        return rows
+    new = np.ones(x.size, dtype=bool)
+    new[1:] = (code[1:] != code[:-1]) | (x[1:] > x[:-1] * (1 + SAME_WAVELENGTH))
+    start = np.flatnonzero(new)
+    last = np.append(start[1:], x.size) - 1
+    differ = np.flatnonzero((x[start] < x[last]) & (x[last] <= x[start] * (1 + SAME_WAVELENGTH)))
+    merged = wavelength.copy()
+    for i in differ.tolist():
+        own = index[start[i] : last[i] + 1]
+        values, n = np.unique(wavelength[own], return_counts=True)
+        merged[own] = values[np.argmax(n)]
+    return {**rows, "wavelength_um": merged, "wavelength_as_read": wavelength}
+
+
+# Rows to measurements
+
+
+def _spellings(samples: _Words, code: int) -> tuple[str, ...]:
+    """A warning where the name of a sample stands there with other blanks at its ends too."""
+    cells = sorted(samples.spellings[code])
+    if len(cells) < 2 or all(cell == cell.strip() for cell in cells):
+        return ()
+    listed = ", ".join(map(show_cell, cells))
+    text = f"column sample: {listed} differ by blanks at the ends and are taken as one sample."
+    return (f"{text} Give names that differ otherwise if they are several.",)
 
 
 def _names_in_use(content: _Content) -> list[str]:
     """Names of the samples with at least one row that is not flagged."""
-    codes = np.unique(content.rows.sample[content.rows.used])
-    return sorted({content.words["sample"][code] for code in codes.tolist()} - {""})
+    codes = np.unique(content.rows["sample"][content.rows["used"]])
+    return sorted({content.words["sample"].words[code] for code in codes.tolist()} - {""})
 
 
 def _group(content: _Content) -> dict[Key, NDArray[np.int64]]:
     """Rows without a problem of each sample and wavelength, by name and wavelength."""
     rows = content.rows
-    index = np.flatnonzero(rows.used & ~content.bad)
-    index = index[np.lexsort((rows.wavelength_um[index], rows.sample[index]))]
-    sample, wavelength = rows.sample[index], rows.wavelength_um[index]
+    index = np.flatnonzero(rows["used"] & ~rows["bad"])
+    index = index[np.lexsort((rows["wavelength_um"][index], rows["sample"][index]))]
+    sample, wavelength = rows["sample"][index], rows["wavelength_um"][index]
     new = (sample[1:] != sample[:-1]) | (wavelength[1:] != wavelength[:-1])
     if (n := np.count_nonzero(new) + 1) > MOST_SAMPLES:
         reason = f"the file has {n} samples, each wavelength counted"
         refuse(content.path, f"{reason} (allowed: up to {MOST_SAMPLES}). Split it into several.")
     parts = np.split(index, np.flatnonzero(new) + 1) if index.size else []
-    names = content.words["sample"]
-    keyed = {(names[rows.sample[p[0]]], float(rows.wavelength_um[p[0]])): p for p in parts}
+    names = content.words["sample"].words
+    keyed = {(names[rows["sample"][p[0]]], float(rows["wavelength_um"][p[0]])): p for p in parts}
     return {key: keyed[key] for key in sorted(keyed)}
+
+
+def _choose(
+    names: Sequence[str], keys: Iterable[Key], sample: str | None, wavelength_um: float | None
+) -> Key | Problem | None:
+    """The sample and wavelength asked for, or why there is none; None where its rows are all bad.
+
+    ``names`` are samples with rows that are not flagged, ``keys`` have rows without a problem.
+    """
+    if sample is None and len(names) == 1:
+        sample = names[0]
+    if sample is None or sample not in names:
+        return Problem(0, "sample", _explain_sample(sample, names))
+    present = [wavelength for name, wavelength in keys if name == sample]
+    if wavelength_um is None:
+        near = present
+    else:
+        near = [w for w in present if isclose(w, wavelength_um, rel_tol=SAME_WAVELENGTH)]
+        near = sorted(near, key=lambda w: abs(w - wavelength_um))[:1]
+    if len(near) == 1 or not present:
+        return (sample, near[0]) if near else None
+    listed = f"sample {show_cell(sample)} has {_list_some([f'{w:.10g}' for w in present])} um."
+    if wavelength_um is None:
+        text = f"{listed} Choose one (wavelength_um=, or --wavelength)."
+    else:
+        text = f"{wavelength_um:.10g} um was not measured: {listed} Choose one of them."
+    return Problem(0, "wavelength_um", text)
+
+
+def _explain_sample(sample: str | None, names: Sequence[str]) -> str:
+    """Say why no sample is chosen, and which there are."""
+    if not names:
+        return "every row is flagged, no reading is left. Clear the flag of rows to be used."
+    listed = _list_some([show_cell(name) for name in names])
+    if sample is None:
+        return f"the file has {len(names)} samples. Choose one (sample=, or --sample): {listed}."
+    hint = did_you_mean(sample, names)
+    return f"{show_cell(sample)} has no rows to use.{hint} The file has: {listed}."
+
+
+def _list_some(words: Sequence[str]) -> str:
+    """First words of a list, and how many there are where they are too many."""
+    more = f", ... ({len(words)} in all)" if len(words) > N_LISTED else ""
+    return ", ".join(words[:N_LISTED]) + more
+
+
+def _count_flags(content: _Content, keys: Iterable[Key]) -> Flags:
+    """Flagged rows, counted once for all samples and wavelengths ``keys``."""
+    rows = content.rows
+    index = np.flatnonzero(~rows["used"])
+    wavelength = np.where(rows["wavelength_um"][index] > 0, rows["wavelength_um"][index], 0.0)
+    kinds = np.stack([rows["sample"][index], wavelength, rows["flag"][index]], axis=1)
+    names, flags = content.words["sample"].words, content.words["flag"].words
+    found: dict[Key, dict[str, int]] = {}
+    for (code, um, flag), n in zip(*np.unique(kinds, axis=0, return_counts=True), strict=True):
+        found.setdefault((names[int(code)], float(um)), {})[flags[int(flag)]] = int(n)
+    if sum(len(found.get(place, ())) for key in keys for place in _places(key)) > _MOST_COUNTS:
+        reason = "flagged rows that name no sample or no wavelength have too many different flags."
+        refuse(content.path, f"{reason} They count in every sample: fill in where they belong.")
+    return found
+
+
+def _places(key: Key) -> tuple[Key, ...]:
+    """Where `Flags` has the rows that count for a sample and wavelength."""
+    return key, (key[0], 0.0), ("", key[1]), ("", 0.0)
 
 
 def _refused_samples(content: _Content) -> dict[str, str]:
     """Message for each sample with a problem, or without a row that is not flagged."""
-    names = content.words["sample"]
+    names = content.words["sample"].words
     unused = set(names) - set(_names_in_use(content)) - {""}
     errors = {
-        name: f"{content.path}: sample {show_cell(name)}: {explain_sample(None, [])}"
+        name: f"{content.path}: sample {show_cell(name)}: {_explain_sample(None, [])}"
         for name in unused
     }
-    lines, codes = content.rows.line[content.bad], content.rows.sample[content.bad]
+    bad = content.rows["bad"]
+    lines, codes = content.rows["line"][bad], content.rows["sample"][bad]
     unique = np.unique(codes, return_index=True, return_counts=True)
     found = {
         names[code]: [(int(lines[first]), int(n))] for code, first, n in zip(*unique, strict=True)
@@ -324,8 +660,8 @@ def _refused_samples(content: _Content) -> dict[str, str]:
     for name, own in content.problems.found.items():
         aside = [(p.line, p.n) for p in own.values() if not p.column]  # these are not among rows
         found[name] = [*found.get(name, []), *aside]
-    for name, rows in found.items():
-        n, first = sum(n for _, n in rows), min(line for line, _ in rows)
+    for name, parts in found.items():
+        n, first = sum(n for _, n in parts), min(line for line, _ in parts)
         what = f"sample {show_cell(name)} was" if name else "what belongs to no sample was"
         head = f"{content.path}: {what} not read: {n} row"
         head += f"{'s' if n > 1 else ''} with problems from line {first} on."
@@ -336,9 +672,9 @@ def _refused_samples(content: _Content) -> dict[str, str]:
 
 def _first_lines(content: _Content, errors: Iterable[str]) -> dict[str, int]:
     """Line on which each of these samples begins, whatever is wrong with it."""
-    codes, first = np.unique(content.rows.sample, return_index=True)
-    names = [content.words["sample"][code] for code in codes.tolist()]
-    begins = dict(zip(names, content.rows.line[first].tolist(), strict=True))
+    codes, first = np.unique(content.rows["sample"], return_index=True)
+    names = [content.words["sample"].words[code] for code in codes.tolist()]
+    begins = dict(zip(names, content.rows["line"][first].tolist(), strict=True))
     for name in errors:
         lines = [p.line for p in content.problems.found.get(name, {}).values() if p.line]
         begins[name] = min([*lines, begins.get(name, MAX_ROWS)])
@@ -349,12 +685,12 @@ def _build_all(
     content: _Content, groups: Mapping[Key, NDArray[np.int64]], errors: dict[str, str]
 ) -> dict[Key, Measurement]:
     """Measurements of all samples; those that cannot be made go to ``errors``."""
-    flags = count_flags(content.path, content.rows, content.words, groups)
+    flags = _count_flags(content, groups)
     found: dict[Key, Measurement] = {}
     n_scans = 0
-    for key, rows in groups.items():
+    for key, index in groups.items():
         try:
-            found[key] = _build(content, key, rows, flags)
+            found[key] = _build(content, key, index, flags)
         except DataError as error:
             errors[key[0]] = str(error)
             content.problems.add(Problem(0, "", str(error), sample=key[0]))
@@ -368,26 +704,29 @@ def _build_all(
 
 def _build(content: _Content, key: Key, index: NDArray[np.int64], flags: Flags) -> Measurement:
     """Measurement from the rows of one sample at one wavelength."""
-    rows = content.rows
-    columns = {
-        name: getattr(rows, name)[index]
-        for name in ("theta_i_deg", "theta_r_deg", "value", "sigma", "n_repeats")
+    rows = {name: column[index] for name, column in content.rows.items()}
+    columns: dict[str, Any] = {
+        name: rows[name] for name in ("theta_i_deg", "theta_r_deg", "value", "sigma", "n_repeats")
     }
-    columns["phi_r_deg"] = np.nan_to_num(rows.phi_r_deg[index], nan=0.0)
-    columns["quantity"] = np.array(QUANTITIES)[rows.quantity[index]]
-    columns["polarization"] = np.array(POLARIZATIONS)[rows.polarization[index]]
-    labels, place = np.unique(rows.scan[index], return_inverse=True)
-    scans = [content.words["scan"][label] for label in labels.tolist()]
-    columns["scan"] = np.array(scans, dtype=object)[place]  # one long label makes no long array
+    columns["phi_r_deg"] = np.nan_to_num(rows["phi_r_deg"], nan=0.0)
+    for name in ("quantity", "polarization", "scan"):
+        codes, place = np.unique(rows[name], return_inverse=True)
+        words = [content.words[name].words[code] for code in codes.tolist()]
+        columns[name] = np.array(words, dtype=object)[place]  # one long label makes no long array
+    excluded: Counter[str] = Counter()
+    for of in _places(key):
+        excluded.update(flags.get(of, {}))
+    rows["is_dhr"] = columns["quantity"] == "dhr"
+    said = (*_spellings(content.words["sample"], int(rows["sample"][0])), *notice(rows))
     try:
         return measurement_from_columns(
             sample=key[0],
             wavelength_um=key[1],
-            row=rows.line[index],
-            excluded=excluded_by_flag(flags, key),
+            row=rows["line"],
+            excluded=dict(sorted(excluded.items())),
             source=Path(content.path).name,
             sha256=content.sha256,
-            warnings=(*content.warnings, *content.spelled.get(key[0], ()), *notice(rows, index)),
+            warnings=(*content.warnings, *said),
             **columns,
         )
     except DataError as error:

@@ -53,12 +53,17 @@ def write_tidy_csv(readings: Measurement | Mapping[str, ArrayLike], path: str | 
     >>> folder.cleanup()
     """
     given = _columns_of(readings) if isinstance(readings, Measurement) else readings
-    columns = _to_cells(given)
+    replace_file(Path(path), tidy_text(given))
+
+
+def tidy_text(columns: Mapping[str, ArrayLike]) -> str:
+    """The text of a tidy CSV with these columns, see `write_tidy_csv`."""
+    cells = _to_cells(columns)
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*columns.values(), strict=True))
-    _replace(Path(path), text.getvalue())
+    writer.writerow(cells)
+    writer.writerows(zip(*cells.values(), strict=True))
+    return text.getvalue()
 
 
 def _columns_of(measurement: Measurement) -> dict[str, ArrayLike]:
@@ -125,7 +130,7 @@ def _cells(name: str, values: NDArray[Any]) -> list[str]:
     return ["" if number != number else repr(number) for number in numbers]
 
 
-def _replace(path: Path, text: str) -> None:
+def replace_file(path: Path, text: str) -> None:
     """Write a file beside ``path`` and move it there."""
     if not path.name or path.is_dir():
         msg = f"{path}: is a folder. Give the name of a CSV file in it"

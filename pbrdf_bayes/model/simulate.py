@@ -18,6 +18,7 @@ from pbrdf_bayes.measurement import (
 from pbrdf_bayes.model.effects import Effects
 from pbrdf_bayes.model.four_parameter import Parameters, brdf, dhr
 from pbrdf_bayes.quantities import QUANTITIES, S_AND_P
+from pbrdf_bayes.readings.observation import draw_readings, reading_law
 
 Array = NDArray[np.float64]
 
@@ -42,9 +43,10 @@ def simulate_measurement(
     dhr_noise: float = 0.0005,
     u_brdf_cal: float = 0.0,
     u_dhr_cal: float = 0.0,
+    brdf_floor: float = 0.0,
     effects: Effects | None = None,
 ) -> Measurement:
-    """Draw readings of the model with noise.
+    """Draw readings of the model with noise, by the law of `readings.observation`.
 
     Parameters
     ----------
@@ -66,6 +68,8 @@ def simulate_measurement(
         Standard deviation of a DHR reading, in [0, 1] [1].
     u_brdf_cal, u_dhr_cal : float
         Standard deviation of the gain of a scan, and of the DHR of a polarisation, in [0, 1] [1].
+    brdf_floor : float
+        Noise-equivalent BRDF of the instrument [sr^-1].
     effects : Effects, optional
         Line shape and effects beyond the four parameters.
 
@@ -105,10 +109,12 @@ def simulate_measurement(
 
     for theta_i in theta_i_deg:
         for q in polarizations:
-            gain = np.exp(u_brdf_cal * rng.standard_normal())
-            noise = np.exp(relative_noise * rng.standard_normal(grid.size))
-            values = brdf(parameters, theta_i, grid, q, rtol=1e-10, effects=effects) * gain * noise
-            _readable("brdf", values, values > 0.0, "more reflectance (sigma_n0)")
+            gain = u_brdf_cal * rng.standard_normal()
+            model = brdf(parameters, theta_i, grid, q, rtol=1e-10, effects=effects)
+            law = reading_law(model, brdf_floor, relative_noise**2)
+            values = np.exp(draw_readings(law, gain, rng.standard_normal(grid.size)))
+            seen = (model > 0.0) | (brdf_floor > 0.0)
+            _readable("brdf", model, seen, "more reflectance (sigma_n0)")
             for theta_r, value in zip(grid.tolist(), values.tolist(), strict=True):
                 add("brdf", q, theta_i, theta_r, value)
     for q in polarizations if dhr_theta_i_deg else ():

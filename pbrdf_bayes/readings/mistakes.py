@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from math import log, log10, pi
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,7 @@ from pbrdf_bayes.readings.scan_statistics import (
 )
 from pbrdf_bayes.records.checks import Finding
 from pbrdf_bayes.verdict import FAIL, WARN
+from pbrdf_bayes.words import of_mistake
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -94,12 +96,13 @@ def find_mistakes(measurement: Measurement) -> tuple[Finding, ...]:
 
 
 def _finding(
-    measurement: Measurement, code: str, profiles: Iterable[Profile], statement: str, remedy: str,
-    *, size: float | None = None, lines: Sequence[int] = (), verdict: str = FAIL,
+    measurement: Measurement, code: str, profiles: Iterable[Profile], *, case: str = "",
+    size: float | None = None, lines: Sequence[int] = (), verdict: str = FAIL, **numbers: Any,
 ) -> Finding:  # fmt: skip
     labels = tuple(p.scan.label for p in profiles)
-    numbers = tuple(int(n) for n in lines if n)
-    return Finding(code, measurement.sample, verdict, labels, numbers, size, statement, remedy)
+    rows = tuple(int(n) for n in lines if n)
+    statement, remedy = of_mistake(f"{code}{case}", size=size, **numbers)
+    return Finding(code, measurement.sample, verdict, labels, rows, size, statement, remedy)
 
 
 def _names(profiles: Sequence[Profile], everything: int) -> str:
@@ -160,9 +163,7 @@ def _theta_r_sign(measurement: Measurement, profiles: list[Profile]) -> list[Fin
     return [
         _finding(
             measurement, "theta_r_sign", reversed_,
-            f"The lobe of {names} lies at negative theta_r, on the side of the source.",
-            "Reverse the sign of theta_r_deg there: + is the forward side.",
-            size=float(np.mean([excess[p.scan.label] for p in reversed_])),
+            names=names, size=float(np.mean([excess[p.scan.label] for p in reversed_])),
         )
     ]  # fmt: skip
 
@@ -209,9 +210,7 @@ def _sign_lost(measurement: Measurement) -> list[Finding]:
     return [
         _finding(
             measurement, "sign_lost", folded,
-            f"{_names(folded, n_oblique)[:1].upper()}{_names(folded, n_oblique)[1:]} have angles "
-            "twice with different values, and no theta_r is negative.",
-            "Restore the sign of theta_r_deg: + forward, - backward.", lines=lines,
+            names=_names(folded, n_oblique), lines=lines,
         )
     ]  # fmt: skip
 
@@ -264,8 +263,7 @@ def _swapped_polarization(measurement: Measurement, profiles: list[Profile]) -> 
     return [
         _finding(
             measurement, "swapped_polarization", scans,
-            f"p is brighter than s in {what}; every surface reflects s at least as much.",
-            "Exchange s and p in the column polarization there.",
+            where=what,
             size=float(np.mean([j[2] for j in swapped])) if swapped else dhr_excess,
         )
     ]  # fmt: skip
@@ -318,18 +316,10 @@ def _cosine_factor(measurement: Measurement, profiles: list[Profile]) -> list[Fi
     if abs(median) < _COSINE_SLOPE + 3.0 * error or same < 0.8 or abs(median) > 2.0:
         return []
     times = median > 0.0
-    word = "falls" if times else "rises"
-    remedy = (
-        "The values look like BRDF times cos(theta_r): divide them by cos(theta_r)."
-        if times
-        else "The values look like BRDF over cos(theta_r): multiply them by cos(theta_r)."
-    )
     return [
         _finding(
             measurement, "cosine_factor", [p for *_, p in slopes],
-            f"Towards grazing theta_r the backward side {word} like cos(theta_r) to the power "
-            f"{median:.2f} in {len(slopes)} scan ends; a BRDF levels out there.",
-            remedy, size=median,
+            case=".times" if times else ".over", size=median, n=len(slopes),
         )
     ]  # fmt: skip
 
@@ -349,10 +339,8 @@ def _clipped(measurement: Measurement, profiles: list[Profile]) -> list[Finding]
         found.append(
             _finding(
                 measurement, "clipped", [p],
-                f"The highest {distinct} readings of scan {p.scan.label} are one number, "
-                f"{value.max():.4g} sr^-1: the detector was at its limit.",
-                "Flag these rows, or measure the peak again with less gain.",
-                size=float(value.max()), lines=sorted(row[top].tolist()),
+                n=distinct, label=p.scan.label, size=float(value.max()),
+                lines=sorted(row[top].tolist()),
             )
         )  # fmt: skip
     return found
@@ -374,11 +362,8 @@ def _shadow(measurement: Measurement, profiles: list[Profile]) -> list[Finding]:
     return [
         _finding(
             measurement, "shadow", shadowed,
-            f"Readings about theta_r = -theta_i of {_names(shadowed, len(profiles))} lie "
-            f"{abs(float(np.median(depth))):.2g} dex below the curve on both sides: the detector "
-            "stands in the beam.",
-            "Give these rows the flag obscured.", size=float(np.median(depth)),
-            lines=sorted(set(lines)),
+            names=_names(shadowed, len(profiles)), depth=abs(float(np.median(depth))),
+            size=float(np.median(depth)), lines=sorted(set(lines)),
         )
     ]  # fmt: skip
 
@@ -427,10 +412,7 @@ def _shuffled(measurement: Measurement, profiles: list[Profile]) -> list[Finding
             found.append(
                 _finding(
                     measurement, "shuffled", [p],
-                    f"Neighbouring readings of scan {p.scan.label} differ as much as any two of "
-                    f"it ({point_noise(p) * _PERCENT:.0f} % from point to point).",
-                    "Look whether the values of this scan still belong to their angles.",
-                    size=ratio,
+                    label=p.scan.label, percent=point_noise(p) * _PERCENT, size=ratio,
                 )
             )  # fmt: skip
     return found
@@ -464,10 +446,7 @@ def _scan_gain(measurement: Measurement, profiles: list[Profile]) -> list[Findin
     return [
         _finding(
             measurement, "scan_gain", [p],
-            f"Scan {p.scan.label} lies a factor {10.0 ** deviation[p.scan.label]:.3g} from the "
-            "level of the other scans.",
-            "Check the gain and the filter of this scan, or flag it.",
-            size=10.0 ** deviation[p.scan.label],
+            label=p.scan.label, size=10.0 ** deviation[p.scan.label],
         )
         for p in off
     ]  # fmt: skip
@@ -500,11 +479,7 @@ def _pi_factor(measurement: Measurement, profiles: list[Profile]) -> list[Findin
     return [
         _finding(
             measurement, "pi_factor", broad,
-            f"The scans integrate to {10.0**middle:.2f} times the DHR, about "
-            f"{'pi' if times else '1/pi'}.",
-            f"{'Divide' if times else 'Multiply'} the BRDF by pi if the values are "
-            f"{'reflectance factors' if times else 'BRDF over pi'}, or check both scales.",
-            size=10.0**middle, verdict=WARN,
+            case=".times" if times else ".over", size=10.0**middle, verdict=WARN,
         )
     ]  # fmt: skip
 
@@ -544,9 +519,7 @@ def _zero_theta_r(measurement: Measurement, profiles: list[Profile]) -> list[Fin
     return [
         _finding(
             measurement, "zero_theta_r", [p for *_, p in offsets],
-            f"At normal incidence the scans are symmetric about theta_r = {mean:+.2f} deg.",
-            f"Correct theta_r_deg by {-mean:+.2f} deg, or theta_i_deg, or align the goniometer.",
-            size=mean, verdict=WARN,
+            shift=-mean, size=mean, verdict=WARN,
         )
     ]  # fmt: skip
 
@@ -573,8 +546,6 @@ def _stated_sigma(measurement: Measurement, profiles: list[Profile]) -> list[Fin
     return [
         _finding(
             measurement, "stated_sigma", [p for _, p in off],
-            f"Readings scatter {size:.3g} times as much from point to point as sigma states.",
-            "Check the unit of sigma: it is the standard uncertainty of value in the same unit.",
             size=size, verdict=WARN,
         )
     ]  # fmt: skip

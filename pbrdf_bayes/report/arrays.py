@@ -61,8 +61,11 @@ class DhrPoints:
 
 
 @dataclass(frozen=True, eq=False)
-class DhrCurve:
-    """Predicted DHR of one polarisation; bands of shape (n_theta, n_quantile) [1]."""
+class AngleCurve:
+    """DHR or lobe width against incidence [1]; bands of shape (n_theta, n_quantile).
+
+    The predictive band is NaN where there is none: a width is no reading.
+    """
 
     polarization: str
     theta_i_deg: Array
@@ -136,18 +139,29 @@ def dhr_points_of(analysis: Analysis) -> list[DhrPoints]:
     ]
 
 
-def dhr_curves_of(analysis: Analysis) -> list[DhrCurve]:
+def dhr_curves_of(analysis: Analysis) -> list[AngleCurve]:
     """Predicted DHR by polarisation."""
-    get = _group(analysis, "dhr_curves")
+    return _angle_curves(analysis, "dhr_curves")
+
+
+def width_curves_of(analysis: Analysis) -> list[AngleCurve]:
+    """Width of the lobes by Eq. (5), by polarisation; none in a run without widths."""
+    return _angle_curves(analysis, "widths")
+
+
+def _angle_curves(analysis: Analysis, group: str) -> list[AngleCurve]:
+    get = _group(analysis, group)
+    model, predictive = get("model_band"), get("predictive_band")
+    predictive = predictive if predictive.size else np.full_like(model, np.nan)
     return [
-        DhrCurve(
-            polarization=p,
+        AngleCurve(
+            polarization=q,
             theta_i_deg=np.asarray(get("theta_i_deg"), dtype=np.float64),
-            model_band=_five(get("model_band")[i]),
-            predictive_band=_five(get("predictive_band")[i]),
+            model_band=_five(model[i]),
+            predictive_band=_five(predictive[i]),
             map=np.asarray(get("map")[i], dtype=np.float64),
         )
-        for i, p in enumerate(_words(get("polarization")))
+        for i, q in enumerate(_words(get("polarization")))
     ]
 
 
@@ -179,16 +193,6 @@ def places_of(analysis: Analysis) -> list[ScanPlaces]:
 
 
 @dataclass(frozen=True, eq=False)
-class WidthCurve:
-    """Width of the lobes by Eq. (5) for one polarisation [1]; bands (n_theta, n_quantile)."""
-
-    polarization: str
-    theta_i_deg: Array
-    model_band: Array
-    map: Array
-
-
-@dataclass(frozen=True, eq=False)
 class ScanWidthPoints:
     """Widths of the scans of one polarisation, standard errors, and Eq. (5) there [1]."""
 
@@ -197,20 +201,6 @@ class ScanWidthPoints:
     width: Array
     u_width: Array
     model: Array
-
-
-def width_curves_of(analysis: Analysis) -> list[WidthCurve]:
-    """Eq. (5) by polarisation; none in a run without widths."""
-    get = _group(analysis, "widths")
-    return [
-        WidthCurve(
-            polarization=p,
-            theta_i_deg=np.asarray(get("theta_i_deg"), dtype=np.float64),
-            model_band=_five(get("model_band")[i]),
-            map=np.asarray(get("map")[i], dtype=np.float64),
-        )
-        for i, p in enumerate(_words(get("polarization")))
-    ]
 
 
 def scan_widths_of(analysis: Analysis) -> list[ScanWidthPoints]:

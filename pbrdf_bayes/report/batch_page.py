@@ -12,7 +12,7 @@ from urllib.parse import quote
 from markupsafe import Markup, escape
 
 from pbrdf_bayes.report.conformity import LOOK_OF, WORDS, probability_text
-from pbrdf_bayes.report.figures_batch import control_chart, sparkline
+from pbrdf_bayes.report.figures.batch import control_chart, sparkline
 from pbrdf_bayes.report.numbers import (
     MISSING,
     finite,
@@ -295,12 +295,13 @@ def _failing(rows: Sequence[Record]) -> str:
     return say("batch.failed", samples=samples) if n else ""
 
 
-def _unidentified(groups: Sequence[Record]) -> list[tuple[Markup, int]]:
-    """Symbols of parameters that samples do not identify, and how many of these there are."""
+def _unidentified(groups: Sequence[Record]) -> str:
+    """Which parameters samples do not identify, and how many samples each."""
     found: Counter[str] = Counter()
     for record in (r for group in groups for r in group["parameters"].values()):
         found[record["symbol"]] += record["why_not"].count("not identified")
-    return [(symbol_markup(symbol), n) for symbol, n in found.items() if n]
+    listed = [f"{symbol} in {counted(n, 'sample')}" for symbol, n in found.items() if n]
+    return say("batch.unidentified", listed=", ".join(listed)) if listed else ""
 
 
 def _group(group: Record, rows: Sequence[Record], *, alone: bool) -> WavelengthSection:

@@ -6,16 +6,16 @@ from collections.abc import Mapping
 from typing import Any
 
 from pbrdf_bayes.report import design_tables
-from pbrdf_bayes.report.figures_design import (
+from pbrdf_bayes.report.figures.design import (
     KINDS,
     gain_pictures,
     goal_pictures,
     minutes_picture,
     shrinkage_picture,
 )
+from pbrdf_bayes.report.figures.looks import LOOKS
 from pbrdf_bayes.report.numbers import THIN, count, fixed, number
 from pbrdf_bayes.report.page import environment
-from pbrdf_bayes.report.panel import LOOKS
 from pbrdf_bayes.words import LOCAL_NORMAL, listed
 
 _SHOWN = 10

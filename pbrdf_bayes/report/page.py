@@ -13,9 +13,9 @@ from markupsafe import Markup, escape
 
 from pbrdf_bayes.report import conformity, design_tables, document, structure, tables, texts
 from pbrdf_bayes.report.arrays import draws_of
-from pbrdf_bayes.report.figures import Figures, draw_figures
+from pbrdf_bayes.report.figures.looks import LOOKS
+from pbrdf_bayes.report.figures.of_analysis import Figures, draw_figures
 from pbrdf_bayes.report.numbers import count
-from pbrdf_bayes.report.panel import LOOKS
 from pbrdf_bayes.results import Analysis
 
 TITLES = {
@@ -134,12 +134,12 @@ def _context(analysis: Analysis, brief: bool) -> dict[str, Any]:
         "parameters": tables.parameter_rows(summary, priors),
         "correlation": tables.correlation_rows(summary),
         "residual_text": texts.residual_text(summary),
-        "discrepancy_text": texts.discrepancy_text(summary),
+        "discrepancy_text": texts.statement(summary, "discrepancy"),
         "discrepancy": tables.discrepancy_rows(summary),
         "holdout": summary["holdout"],
         "holdout_rows": tables.holdout_rows(summary),
         "cases": tables.case_rows(summary),
-        "loo_text": texts.leave_one_out_text(summary),
+        "loo_text": texts.statement(summary, "loo"),
         "readings": tables.reading_rows(summary),
         "widths_text": structure.widths_text(summary),
         "reciprocity_text": structure.reciprocity_text(summary),

@@ -6,10 +6,10 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pbrdf_bayes.report.figures_scene import ScenePicture, drawn_incidences
+from pbrdf_bayes.report.figures.looks import LOOKS
+from pbrdf_bayes.report.figures.scene import ScenePicture, drawn_incidences
 from pbrdf_bayes.report.numbers import count
 from pbrdf_bayes.report.page import environment
-from pbrdf_bayes.report.panel import LOOKS
 from pbrdf_bayes.scenes import SceneValues
 
 _FONT = "Arial, Helvetica, sans-serif"

@@ -24,6 +24,7 @@ from pbrdf_bayes.report.numbers import (
     rounded,
     symbol_markup,
 )
+from pbrdf_bayes.words import say
 
 Record = Mapping[str, Any]
 _READINGS = 3
@@ -163,8 +164,8 @@ def _parameter_row(name: str, p: Record, prior: NDArray[np.float64]) -> Paramete
 def _says(p: Record) -> str:
     """What decides a parameter."""
     if p["kind"] == "fixed":
-        return "assumed, not measured"
-    return "identified by the data" if p["identified"] else "not identified: the prior decides"
+        return say("parameter.assumed")
+    return say("parameter.identified" if p["identified"] else "parameter.prior")
 
 
 def _contraction(value: Any) -> str:

@@ -58,10 +58,10 @@ def applicability(summary: Record) -> dict[str, Any]:
     Where the fit failed its checks only the latter is said of a model that applies.
     """
     found = summary.get("applicability") or {}
-    caveats, statement = found.get("caveats", ()), str(found.get("statement", ""))
+    caveats, said = found.get("caveats", ()), str(found.get("statement", ""))
     applies = found.get("verdict", "applies") == "applies"
     only_caveats = applies and _failing(summary)
-    return {"applies": applies, "text": " ".join(caveats) if only_caveats else statement}
+    return {"applies": applies, "text": " ".join(caveats) if only_caveats else said}
 
 
 def reservation(summary: Record) -> str:
@@ -97,17 +97,9 @@ def values_note(summary: Record) -> str:
     )
 
 
-def discrepancy_text(summary: Record) -> str:
-    """Size of the correlated misfit beside the noise; nothing where there is none."""
-    found = summary.get("discrepancy")
-    if not found:
-        return ""
-    return (
-        f"What the model misses along a scan: {number(found['size_dex'])}{THIN}dex "
-        f"({number(found['size_percent'], digits=2)}{THIN}%) over lengths of "
-        f"{number(found['ell_deg'], digits=2)}°, beside white noise of "
-        f"{number(100.0 * found['white_noise'], digits=2)}{THIN}%. The intervals allow for it."
-    )
+def statement(summary: Record, code: str) -> str:
+    """The statement of a verdict; nothing where there is none."""
+    return str((summary["diagnostics"].get(code) or {}).get("statement", ""))
 
 
 def residual_text(summary: Record) -> str:
@@ -118,26 +110,6 @@ def residual_text(summary: Record) -> str:
         f"Over all readings the rms is {number(at_map)}{THIN}dex ({dex_as_percent(at_map)}) at the "
         f"MAP and {number(best)}{THIN}dex ({dex_as_percent(best)}) at the least-squares optimum of "
         f"the same model; the lag-1 autocorrelation is {fixed(fit['lag1']['overall'], 2)}."
-    )
-
-
-def leave_one_out_text(summary: Record) -> str:
-    """Sum of the log predictive densities and the influence of single readings."""
-    found = summary.get("leave_one_out")
-    if not found:
-        return ""
-    many = found["n_influential"]
-    return (
-        f"Each of {count(found['n'])} readings is held against what all the others predict of it. "
-        f"The log densities sum to {fixed(found['elpd'], 0)} ± {fixed(found['u_elpd'], 0)} "
-        f"(elpd), with {fixed(found['p_loo'], 1)} effective parameters. The largest Pareto k-hat, "
-        f"the weight of a single reading in the posterior, is {fixed(found['k_hat'], 2)}"
-        + (
-            f"; {count(many)} reading{'s' * (many != 1)} above {fixed(found['k_hat_limit'], 2)} "
-            f"got a sample without {'it' if many == 1 else 'them'}."
-            if many
-            else "."
-        )
     )
 
 

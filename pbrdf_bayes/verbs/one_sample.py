@@ -42,6 +42,32 @@ def add_check(verbs: Any) -> None:
     parser.add_argument("--json", action="store_true", help="print the findings as JSON")
 
 
+def add_import(verbs: Any) -> None:
+    """The verb ``import``."""
+    parser = add_verb(
+        verbs, "import", _import,
+        "Write files as laboratories have them as one tidy CSV. Content decides, not the "
+        "extension; every decision is printed, and what a file leaves open is asked for.",
+    )  # fmt: skip
+    parser.add_argument("files", type=Path, metavar="FILE", nargs="+",
+                        help="of one sample: BiRD, ASTM E1392, Zemax, FRED, LightTools, RT-300S, "
+                        "tables (CSV, TSV, xlsx, xls), Cary, PerkinElmer, ECOSTRESS, "
+                        "spectra")  # fmt: skip
+    parser.add_argument("--out", type=Path, required=True, metavar="TIDY.csv", help="file to write")
+    parser.add_argument("--format", metavar="NAME", help="read as this format")
+    parser.add_argument("--sample", metavar="NAME", help="name of the sample, or its column")
+    parser.add_argument("--polarization", metavar="s|p|u", help="of the incident light")
+    parser.add_argument("--wavelength-um", type=float, metavar="X",
+                        help="wavelength [um]; of a spectrum, the one wanted")  # fmt: skip
+    parser.add_argument("--theta-i", type=float, metavar="DEG", dest="theta_i_deg",
+                        help="angle of incidence [deg]")  # fmt: skip
+    parser.add_argument("--forward", metavar="phi0|phi180", help="azimuth of the specular side")
+    parser.add_argument("--value", metavar="brdf|brf|brdf_cos",
+                        help="BRDF, reflectance factor (pi BRDF) or BRDF cos(theta_r)")  # fmt: skip
+    parser.add_argument("--unit", metavar="fraction|percent", help="of a DHR")
+    parser.add_argument("--sheet", metavar="NAME", help="of a workbook")
+
+
 def add_fit(verbs: Any) -> None:
     """The verb ``fit``."""
     parser = add_verb(verbs, "fit", _fit, "Fit a sample: MAP, posterior, diagnostics, report.")
@@ -157,6 +183,17 @@ def _check(options: argparse.Namespace) -> int:
     text, clean = describe_file(options.csv, brdf_floor=config.brdf_floor)
     print(text)
     return DONE if clean else BAD_INPUT
+
+
+def _import(options: argparse.Namespace) -> int:
+    from pbrdf_bayes.io.formats.content import Decided
+    from pbrdf_bayes.io.tidy_csv import import_to_csv
+
+    decided = {name: getattr(options, name) for name in Decided.__dataclass_fields__}
+    for text in import_to_csv(options.files, Decided(**decided), options.out):
+        print(text, file=sys.stderr)
+    print(options.out)
+    return DONE
 
 
 def _fit(options: argparse.Namespace) -> int:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pbrdf_bayes.inference.likelihood.correlated import Discrepancy, divide_by_share
+from pbrdf_bayes.inference.likelihood.correlated import Discrepancy
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.prediction.discrepancy import (
     Process,
@@ -19,7 +19,7 @@ from pbrdf_bayes.inference.prediction.discrepancy import (
     draw_prior_discrepancy,
     smoother,
 )
-from pbrdf_bayes.inference.prediction.residuals import log_residuals, scan_of_rows
+from pbrdf_bayes.inference.prediction.residuals import law_of_rows, scan_of_rows
 from pbrdf_bayes.records.checks import Check
 from pbrdf_bayes.verdict import (
     COMMON_SIZE,
@@ -123,11 +123,10 @@ def _scanned(posterior: Posterior, law: Discrepancy, x: Array) -> Scanned:
     """Residuals and variances of the rows as the filter sees them, but for the censored ones."""
     rows, scan = posterior.rows, scan_of_rows(posterior)
     brdf = posterior.predict(x[None, :])[0][0]
-    s2 = x[rows.noise_column][scan] ** 2
-    h, extra = divide_by_share(rows, law, s2, brdf)
+    mean, h, variance = law_of_rows(posterior, x, brdf)
     all_rows = Scanned(
         posterior.measurement.brdf.theta_r_deg, law.group_of_scan[scan], scan,
-        log_residuals(posterior, brdf) / h, s2 + extra,
+        (rows.y - mean) / h, variance / (h * h),
     )  # fmt: skip
     return Scanned._make(column[~rows.censored] for column in all_rows)
 

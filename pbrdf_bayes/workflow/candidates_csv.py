@@ -174,7 +174,7 @@ def read_candidates(
         With file, line, value, what is allowed and what to do.
     """
     problems = Problems()
-    table = open_table(path, read_bytes(path), problems)
+    table = open_table(path, read_bytes(path))
     _check_header(path, table.header)
     found: list[Candidate] = []
     n_rows = n_readings = 0
@@ -199,6 +199,7 @@ def read_candidates(
                 refuse(path, f"line {line}: the scans have more than {_MOST_READINGS_IN_ALL} "
                              "readings in all (allowed: up to that). Give fewer rows, or larger "
                              "theta_r_step_deg.")  # fmt: skip
+    problems.extend(table.unreadable)
     if problems.n:
         raise DataError(compose_message(str(path), problems.listed(), problems.n))
     if not found:

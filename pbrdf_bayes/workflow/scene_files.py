@@ -106,7 +106,7 @@ def _compute(
 
 def _write(values: Sequence[SceneValues], out: Path) -> None:
     """Each file whole or not at all; pictures that an earlier scene left go."""
-    from pbrdf_bayes.report.figures_scene import scene_pictures  # loads the plots
+    from pbrdf_bayes.report.figures.scene import scene_pictures  # loads the plots
     from pbrdf_bayes.report.scene_page import render_scene, standalone_svg
 
     drawn = [

@@ -27,12 +27,12 @@ from pbrdf_bayes.report.conformity import (
     tolerance_text,
     where_text,
 )
-from pbrdf_bayes.report.figures_conformity import HEIGHT, LIMIT, WIDTH, conformity_pictures
-from pbrdf_bayes.report.figures_planes import Picture
+from pbrdf_bayes.report.figures.axes import angles, figure_of, figure_style, name_axes, shade
+from pbrdf_bayes.report.figures.incidence import conformity_pictures, tolerance_axes
+from pbrdf_bayes.report.figures.looks import ALARM, Picture
+from pbrdf_bayes.report.figures.looks import LOOKS as LIGHT
+from pbrdf_bayes.report.figures.svg import inline_svg
 from pbrdf_bayes.report.numbers import rounded
-from pbrdf_bayes.report.panel import LOOKS as LIGHT
-from pbrdf_bayes.report.panel import Panel, linear_ticks, new_figure
-from pbrdf_bayes.report.svg import figure_style, inline_svg
 
 HERE = Path(__file__).parent
 LIMITS = HERE / "limits.toml"
@@ -72,8 +72,8 @@ LOOKS = {"ACCEPT": "#1a6b3c", "REJECT": "#a8201a", "UNDECIDED": "#8a5300"}
 def section(paint: str, found: dict[str, Any]) -> str:
     """A paint: its verdict, its limits, the band that was not measured."""
     with figure_style():
-        pictures = conformity_pictures({"conformity": found})
-        pictures += [closeup(limit) for limit in found["limits"] if len(limit["mean"]) > 1]
+        pictures = conformity_pictures({"conformity": found}, tag=f"{paint}-")
+        pictures += [closeup(limit, paint) for limit in found["limits"] if len(limit["mean"]) > 1]
     rows = "".join(row(limit) for limit in found["limits"])
     because = f": {found['reason']}" if found["reason"] else ""
     panels = "".join(f"<figure><h4>{escape(str(p.title))}</h4>{p.svg}</figure>" for p in pictures)
@@ -91,7 +91,7 @@ RANGE = (-30.0, 20.0)
 """Of a curve over its limit, less 1 [%]."""
 
 
-def closeup(limit: dict[str, Any]) -> Picture:
+def closeup(limit: dict[str, Any], paint: str) -> Picture:
     """A curve over its upper limit, where it is least probably met: there the band can be seen."""
     against = "theta_r_deg" if limit["theta_r_deg"] else "theta_i_deg"
     x = np.array(limit[against])
@@ -102,22 +102,23 @@ def closeup(limit: dict[str, Any]) -> Picture:
     near = np.flatnonzero((mean >= RANGE[0]) & (mean <= RANGE[1]))
     near = np.arange(max(near[0] - 1, 0), min(near[-1] + 2, x.size))
     across = (float(x[near[0]]), float(x[near[-1]]))
-    figure = new_figure(WIDTH, HEIGHT)
-    panel = Panel(figure, 52, 36, WIDTH - 66, HEIGHT - 62, across, RANGE)
-    ticks, labels = linear_ticks(*across)
-    angle = "scattering angle θ_r" if limit["theta_r_deg"] else "incidence angle θ_i"
-    panel.x_axis(ticks, [f"{label}°" for label in labels], angle)
-    panel.y_axis(*linear_ticks(*panel.y), f"{limit['quantity'].upper()} over its limit, less 1 [%]")
+    (axes,) = tolerance_axes()
+    axes.set(xlim=across, ylim=RANGE)
+    angles(axes.xaxis)
+    name_axes(axes, "scattering angle θ_r" if limit["theta_r_deg"] else "incidence angle θ_i",
+              f"{limit['quantity'].upper()} over its limit, less 1 [%]", beside=50)  # fmt: skip
     color = LIGHT[limit["polarization"]].color
-    panel.fill(x[near], low[near], high[near], color, 0.25)
-    panel.line(x[near], mean[near], color, 1.3)
-    panel.segments([(across[0], 0.0, across[1], 0.0)], color=LIMIT, width=1.4)
+    shade(axes, x[near], low[near], high[near], color, 0.25)
+    axes.plot(x[near], mean[near], color=color)
+    axes.axhline(0.0, color=ALARM, lw=1.4)
     label = (
         f"{limit['name']}, relative to the limit: {mean[at]:.1f} %, 95 % from {low[at]:.1f} to "
         f"{high[at]:.1f} % at {x[at]:g} degrees"
     )
-    name = f"closeup-{limit['quantity']}"
-    return Picture(inline_svg(figure, name=name, label=label), f"{limit['name']}: near the limit")
+    name = f"closeup-{paint}-{limit['quantity']}"
+    return Picture(
+        inline_svg(figure_of(axes), name=name, label=label), f"{limit['name']}: near the limit"
+    )
 
 
 def row(limit: dict[str, Any]) -> str:

@@ -40,7 +40,8 @@ from pbrdf_bayes.io.significant import significant
 from pbrdf_bayes.measurement import Measurement, measurement_from_columns
 from pbrdf_bayes.model.four_parameter import DOMAIN
 from pbrdf_bayes.physics.geometry import prepare_geometry
-from pbrdf_bayes.report.svg import figure_style, inline_svg
+from pbrdf_bayes.report.figures.axes import figure_style
+from pbrdf_bayes.report.figures.svg import inline_svg
 from tools.validation.design_loop import fitted
 from tools.validation.experiments import draw_misfit, matern
 

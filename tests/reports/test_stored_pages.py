@@ -20,6 +20,8 @@ def test_a_page_is_that_of_its_numbers(numbers: str) -> None:
     path, text = SCRIPT["rendered"](numbers)
     page = path.read_text(encoding="utf-8")
     assert page == text, f"{path.name} of {numbers}: run python reports/render.py"
+    ids = re.findall(r' id="([^"]*)"', page)
+    assert len(ids) == len(set(ids)), "a picture would show parts of another"
     assert re.findall(r"<(?:link|script|img)[^>]*(?:src|href)=\"(?!data:)[^\"]*\"", page) == []
 
 

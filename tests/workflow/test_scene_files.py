@@ -20,7 +20,7 @@ from pbrdf_bayes.analysis import load_analysis
 from pbrdf_bayes.cli import main
 from pbrdf_bayes.io.scene_arrays import COLUMNS, scene_csv, scene_dataset
 from pbrdf_bayes.io.scene_toml import read_scene
-from pbrdf_bayes.report.figures_scene import scene_pictures
+from pbrdf_bayes.report.figures.scene import scene_pictures
 from pbrdf_bayes.report.scene_page import render_scene, standalone_svg
 from pbrdf_bayes.scenes import SCENE_HELP, Scene
 

@@ -10,7 +10,8 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pbrdf_bayes.report.svg import figure_style, inline_svg
+from pbrdf_bayes.report.figures.axes import figure_style
+from pbrdf_bayes.report.figures.svg import inline_svg
 from tools.validation.page import page_template
 
 Row = Mapping[str, Any]

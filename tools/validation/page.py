@@ -11,7 +11,8 @@ from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from pbrdf_bayes.report.svg import figure_style, inline_svg
+from pbrdf_bayes.report.figures.axes import figure_style
+from pbrdf_bayes.report.figures.svg import inline_svg
 from tools.validation.sbc import envelope
 
 _INK, _CONTROL, _BAND = "#1f4e79", "#c24d00", "#e3e9ef"

@@ -1,14 +1,13 @@
 """The likelihood where readings are censored beside a discrepancy, or their noise is Student's t.
 
-The law is that of `pbrdf_bayes.inference.likelihood.correlated`, noise_a and the readings above the
-floor as there, but for
+The law is that of `readings.observation`, but for
 
-    Student-t noise: noise_a ~ sqrt(v_a) t_nu,  v_a = s_q^2 + u_a^2 + b^2/(f^2 + b^2)
+    Student-t noise: e_a ~ sqrt(v_a) t_nu,  v_a = s_q^2 + u_a^2 + b^2/(f^2 + b^2)
     a reading at or below the floor: the probability of falling there.
 
 Groups that hold such a row are filtered, `inference.likelihood.assumed_density`; the others keep
-their exact likelihood. Without a discrepancy every scan is a group, and tau is 0. DHR readings:
-as in `pbrdf_bayes.inference.likelihood.iid`, normal.
+their exact likelihood. Without a discrepancy every scan is a group, and tau is 0. DHR readings are
+normal: `inference.likelihood.dhr`.
 
 nu is not inferred: single scans hold too few outliers to tell it. Four degrees of freedom are those
 that Lange, Little and Taylor advise, J. Am. Stat. Assoc. 84, 881 (1989),
@@ -27,13 +26,9 @@ from pbrdf_bayes.inference.likelihood.assumed_density import sweep_log_likelihoo
 from pbrdf_bayes.inference.likelihood.assumed_density_slopes import sweep_gradient
 from pbrdf_bayes.inference.likelihood.correlated import (
     Discrepancy,
-    Rowwise,
-    add_dhr_slopes,
-    add_row_slopes,
-    compare_rows,
     prepare_discrepancy,
-    rowwise,
 )
+from pbrdf_bayes.inference.likelihood.dhr import add_dhr_slopes, dhr_readings
 from pbrdf_bayes.inference.likelihood.groups import (
     Groups,
     Work,
@@ -41,10 +36,15 @@ from pbrdf_bayes.inference.likelihood.groups import (
     set_variances,
     workspace,
 )
-from pbrdf_bayes.inference.likelihood.iid import dhr_readings
 from pbrdf_bayes.inference.likelihood.kalman import group_gradient, group_log_likelihood
 from pbrdf_bayes.inference.likelihood.row_evidence import Mixture, normal_mixture, student_mixture
 from pbrdf_bayes.inference.likelihood.rows import Rows
+from pbrdf_bayes.inference.likelihood.scaled_rows import (
+    ScaledRows,
+    add_row_slopes,
+    compare_rows,
+    scaled_rows,
+)
 from pbrdf_bayes.inference.likelihood.sweeps import Sweep, make_tape, prepare_sweep
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.physics.brdf import buffers, fill_dhr, log_brdf
@@ -134,26 +134,23 @@ def _column(x: Array, column: int, otherwise: float) -> float:
 
 
 @compiled()
-def _fill_variance(rows: Rows, law: Discrepancy, row: Rowwise, x: Array, out: Array) -> None:
-    """Variance of the noise of every row."""
-    extra = row.extra if rows.floor2 > 0.0 else law.stated2
+def _fill_variance(rows: Rows, row: ScaledRows, x: Array, out: Array) -> None:
+    """Variance of the noise of every row, over h^2."""
     for scan in range(rows.noise_column.size):
         for i in range(rows.scan_start[scan], rows.scan_start[scan + 1]):
-            out[i] = x[rows.noise_column[scan]] ** 2 + extra[i]
+            out[i] = x[rows.noise_column[scan]] ** 2 + row.extra[i]
 
 
 @compiled()
 def _gather_exact(
-    rows: Rows, filtered: Filtered, row: Rowwise, x: Array, work: Work, gathered: Array,
+    filtered: Filtered, row: ScaledRows, x: Array, work: Work, gathered: Array,
     group_variance: Array,
 ) -> None:  # fmt: skip
     """Residuals and variances of the rows that are not filtered."""
-    law = filtered.law
-    extra = row.extra if rows.floor2 > 0.0 else law.stated2
     for i in range(filtered.exact_row.size):
         gathered[0, i] = row.residual[filtered.exact_row[i]]
-        gathered[1, i] = extra[filtered.exact_row[i]]
-    if law.varied:
+        gathered[1, i] = row.extra[filtered.exact_row[i]]
+    if filtered.law.varied:
         set_variances(filtered.exact, work, gathered[1])
     for group in range(group_variance.size):
         group_variance[group] = x[filtered.exact_noise_column[group]] ** 2
@@ -185,7 +182,7 @@ def filtered_log_likelihood(
     n_sets, law = parameters.shape[0], filtered.law
     result = np.empty(n_sets)
     found = buffers(geometry.directions.shape[1], geometry.incidences.shape[0], VALUES)
-    row = rowwise(rows.y.size, law.noise_column.size)
+    row = scaled_rows(rows)
     variance, tape = np.empty(rows.y.size), make_tape(filtered.sweep, False)
     work, gathered = workspace(filtered.exact, False), np.empty((2, filtered.exact_row.size))
     group_variance = np.empty(filtered.exact_noise_column.size)
@@ -196,13 +193,13 @@ def filtered_log_likelihood(
         tau, ell = _column(x, law.tau_column, 0.0), _column(x, law.ell_column, 1.0)
         fill_model(geometry, given, j, x, digits, ws, found, dhr)
         total, _ = dhr_readings(rows, dhr, x[rows.dhr_noise_column], dhr_work)
-        total += compare_rows(geometry, rows, law, found, x, row)
-        _fill_variance(rows, law, row, x, variance)
+        total += compare_rows(geometry, rows, found, x, row)
+        _fill_variance(rows, row, x, variance)
         total += sweep_log_likelihood(
             filtered.sweep, tape, row.residual, variance, rows.censored, rows.u_cal2, tau, ell
         )
         if group_variance.size:
-            _gather_exact(rows, filtered, row, x, work, gathered, group_variance)
+            _gather_exact(filtered, row, x, work, gathered, group_variance)
             total += group_log_likelihood(
                 filtered.exact, work, gathered[0], group_variance, rows.u_cal2, tau, ell
             )
@@ -228,7 +225,7 @@ def filtered_gradient(
     n_sets, law = parameters.shape[0], filtered.law
     result, slopes = np.empty(n_sets), np.zeros(parameters.shape)
     found = buffers(geometry.directions.shape[1], geometry.incidences.shape[0], SLOPES)
-    row = rowwise(rows.y.size, law.noise_column.size)
+    row = scaled_rows(rows)
     variance, tape = np.empty(rows.y.size), make_tape(filtered.sweep, True)
     by_row, by_exact = np.empty((2, rows.y.size)), np.empty((4, filtered.exact_row.size))
     work, gathered = workspace(filtered.exact, True), np.empty((2, filtered.exact_row.size))
@@ -242,15 +239,15 @@ def filtered_gradient(
         log_brdf(geometry, surf, digits, SLOPES, ws, found)
         fill_dhr(geometry, surf, dhr)
         result[j] = add_dhr_slopes(geometry, rows, surf, x, dhr, dhr_work, out)
-        result[j] += compare_rows(geometry, rows, law, found, x, row)
-        _fill_variance(rows, law, row, x, variance)
+        result[j] += compare_rows(geometry, rows, found, x, row)
+        _fill_variance(rows, row, x, variance)
         value, by_tau, by_ell = sweep_gradient(
             filtered.sweep, tape, row.residual, variance, rows.censored, rows.u_cal2, tau, ell,
             by_row,
         )  # fmt: skip
         result[j] += value
         if group_variance.size:
-            _gather_exact(rows, filtered, row, x, work, gathered, group_variance)
+            _gather_exact(filtered, row, x, work, gathered, group_variance)
             value, tau_slope, ell_slope = group_gradient(
                 filtered.exact, work, gathered[0], group_variance, rows.u_cal2, tau, ell, by_exact
             )
@@ -300,12 +297,12 @@ def filter_state(
     """
     law, n_scans = filtered.law, rows.noise_column.size
     found = buffers(geometry.directions.shape[1], geometry.incidences.shape[0], VALUES)
-    row = rowwise(rows.y.size, law.noise_column.size)
+    row = scaled_rows(rows)
     dhr = np.empty(rows.dhr.size)
     fill_model(geometry, given, 0, x, digits, quadrature_workspace(), found, dhr)
-    compare_rows(geometry, rows, law, found, x, row)
+    compare_rows(geometry, rows, found, x, row)
     variance, moments = np.empty(rows.y.size), np.zeros((2, rows.y.size))
-    _fill_variance(rows, law, row, x, variance)
+    _fill_variance(rows, row, x, variance)
     gain, gain_cov = np.zeros(n_scans), np.zeros((n_scans, n_scans))
     sweep_state(
         filtered.sweep, make_tape(filtered.sweep, False), row.residual, variance, rows.censored,

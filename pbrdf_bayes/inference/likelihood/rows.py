@@ -22,8 +22,9 @@ class Rows(NamedTuple):
     """Readings as the likelihood needs them; everything that the parameters do not enter.
 
     ``noise_column`` is the parameter column of s_q per scan, ``dhr_noise_column`` that of u_DHR or
-    -1; ``u2`` is the stated relative variance (``u_DHR`` absolute). ``plain`` scans have neither a
-    floor nor stated uncertainties: their rows share one variance.
+    -1; ``u2`` is the stated relative variance u_a^2 (``dhr_u2`` absolute, negative where it is
+    inferred). ``plain`` scans have neither a floor nor stated uncertainties: their rows share one
+    variance.
     """
 
     y: Array
@@ -50,6 +51,7 @@ def prepare_rows(
     floor: float,
     u_cal: float,
     u_dhr_cal: float,
+    correlated: bool,
 ) -> Rows:
     """Arrays of the likelihood from a measurement.
 
@@ -64,6 +66,9 @@ def prepare_rows(
         Noise-equivalent BRDF [sr^-1].
     u_cal, u_dhr_cal : float
         Relative standard uncertainties of the gains [1].
+    correlated : bool
+        Rows share a discrepancy. The scatter of repeated readings is largely common to neighbouring
+        angles: it tells of gain and discrepancy then, and is not added to the noise.
 
     Returns
     -------
@@ -76,7 +81,7 @@ def prepare_rows(
     for scan in measurement.scans:
         pooled = brdf.repeated[scan.rows] & ~np.isnan(brdf.u_value[scan.rows])
         if pooled.any():
-            u2[scan.rows][pooled] = u2[scan.rows][pooled].mean()
+            u2[scan.rows][pooled] = 0.0 if correlated else u2[scan.rows][pooled].mean()
     starts = [0, *(scan.stop for scan in measurement.scans)]
     return Rows(
         y=y,

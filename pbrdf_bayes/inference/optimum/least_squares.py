@@ -9,12 +9,13 @@ from scipy.optimize import least_squares
 from pbrdf_bayes.inference.optimum.map_fit import coordinate_bounds
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.prediction.residuals import (
+    beside_gains,
     calibrated_residuals,
-    floored,
+    log_residuals,
     row_weights,
-    scan_gains,
 )
-from pbrdf_bayes.physics.brdf import LOG_TINY, TINY, evaluate_gradient
+from pbrdf_bayes.physics.brdf import evaluate_gradient
+from pbrdf_bayes.readings.observation import reading_law
 
 Array = NDArray[np.float64]
 
@@ -42,7 +43,6 @@ def fit_least_squares(posterior: Posterior, starts: Array) -> tuple[Array, float
     columns = posterior.of_model
     low, high = (bound[columns] for bound in coordinate_bounds(posterior))
     weight = row_weights(posterior, starts[0])
-    lengths = np.diff(rows.scan_start)
     freedom = starts[0][rows.noise_column] / np.sqrt(max(rows.u_cal2, 1e-300))
 
     def at(z: Array) -> Array:
@@ -50,26 +50,21 @@ def fit_least_squares(posterior: Posterior, starts: Array) -> tuple[Array, float
         full[0, columns] = z
         return posterior.from_coordinates(full)
 
-    def beside_gains(values: Array) -> Array:
+    def weighted(values: Array) -> Array:
         """Weighted rows beside the gains of their scans, then the gains in their uncertainty."""
-        gains = scan_gains(posterior, starts[0], values, weight)
-        left = ((values - np.repeat(gains, lengths, axis=0)).T * np.sqrt(weight)).T
-        return np.concatenate([left, (gains.T * freedom).T])
-
-    def log_model(z: Array) -> Array:
-        return np.asarray(np.log(np.maximum(posterior.predict(at(z))[0][0], TINY)))
+        left, gains = beside_gains(posterior, starts[0], values, weight)
+        return np.concatenate([(left.T * np.sqrt(weight)).T, (gains.T * freedom).T])
 
     def residuals(z: Array) -> Array:
-        return beside_gains(rows.y - floored(log_model(z), rows.floor2))
+        return weighted(log_residuals(posterior, posterior.predict(at(z))[0][0]))
 
     def jacobian(z: Array) -> Array:
         x = at(z)
         log_f, _, slopes, _ = evaluate_gradient(posterior.geometry, x, posterior.digits)
         moved = posterior.free[columns]
         scale = np.where(posterior.is_log[columns], x[0, moved], 1.0)
-        log_f = np.maximum(log_f[0], LOG_TINY)
-        above = np.exp(2.0 * (log_f - floored(log_f, rows.floor2)))
-        return beside_gains(-slopes[0][:, moved] * scale * above[:, None])
+        share = reading_law(np.exp(log_f[0]), posterior.config.brdf_floor).share
+        return weighted(-slopes[0][:, moved] * scale * share[:, None])
 
     best_z, best_cost = posterior.to_coordinates(starts)[0, columns], np.inf
     for start in posterior.to_coordinates(starts)[:, columns]:

@@ -12,18 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from pbrdf_bayes.inference.likelihood.correlated import divide_by_share, precision_times
 from pbrdf_bayes.inference.likelihood.filtered import noise_mixture
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.prediction.innovations import draw_gains, filter_all
-from pbrdf_bayes.inference.prediction.residuals import (
-    log_residuals,
-    row_weights,
-    scan_gains,
-    scan_of_rows,
-)
 from pbrdf_bayes.measurement import Measurement, Readings
 from pbrdf_bayes.physics.geometry import prepare_geometry
+from pbrdf_bayes.readings.observation import draw_readings, reading_law
 from pbrdf_bayes.results import QUANTILES
 
 Array = NDArray[np.float64]
@@ -166,12 +160,12 @@ def stratified_normal(rng: np.random.Generator, shape: tuple[int, int]) -> Array
 
 def replicate_brdf(
     posterior: Posterior, draws: Array, curves: Array, targets: Targets, rng: np.random.Generator,
-    *, scales: Array | None = None,
+    *, scales: Array | None = None, paths: Array | None = None,
 ) -> Array:  # fmt: skip
-    """New readings [sr^-1] for curves of shape (n_draws, n_points).
+    """New readings [sr^-1] for curves of shape (n_draws, n_points), by `readings.observation`.
 
-    Gain of the scan, discrepancy of the model, noise and floor; the discrepancy of each point by
-    itself, as a band point by point needs it.
+    Without ``paths`` of the discrepancy, of the same shape, that of each point is drawn by itself,
+    as a band point by point needs it.
     A polarisation without a scan of its own takes the largest noise of the others.
     """
     if not targets.polarization.size:
@@ -187,20 +181,15 @@ def replicate_brdf(
     gain: Array | float = min(np.sqrt(posterior.rows.u_cal2), 1.0) * gains[:, scan]
     if scales is not None:
         gain = np.log(scales)
-    if "tau" in names:
-        tau = draws[:, names.index("tau")][:, None]
-        gain = gain + tau * stratified_normal(rng, curves.shape)
-    floor = posterior.config.brdf_floor
-    f2 = np.maximum(curves, 1e-280) ** 2
-    if posterior.discrepancy is not None:  # gain and discrepancy are those of the BRDF itself
-        f2, gain = f2 * np.exp(2.0 * gain), 0.0
-    stated2 = _stated_variance(posterior, targets.polarization)
-    sd = np.sqrt(noise**2 + stated2 + floor**2 / (f2 + floor**2))
+    if paths is None and "tau" in names:
+        paths = draws[:, [names.index("tau")]] * stratified_normal(rng, curves.shape)
+    white = noise**2 + _stated_variance(posterior, targets.polarization)
+    law = reading_law(curves, posterior.config.brdf_floor, white)
+    normal: Array | float = 1.0
     if posterior.config.tails == "student-t":
-        sd *= _draw_widths(posterior, curves.shape, rng)
-    return np.asarray(
-        np.exp(0.5 * np.log(f2 + floor**2) + gain + sd * stratified_normal(rng, curves.shape))
-    )
+        normal = _draw_widths(posterior, curves.shape, rng)
+    normal = normal * stratified_normal(rng, curves.shape)
+    return np.exp(draw_readings(law, gain if paths is None else gain + paths, normal))
 
 
 def _draw_widths(posterior: Posterior, shape: tuple[int, int], rng: np.random.Generator) -> Array:
@@ -225,56 +214,12 @@ def _stated_variance(posterior: Posterior, polarization: NDArray[np.str_]) -> Ar
 def scan_scales(posterior: Posterior, draws: Array, rng: np.random.Generator) -> Array | None:
     """Posterior draws of the calibration factor of each scan, shape (n_draws, n_scans).
 
-    None where the scale is taken as exact. Where the likelihood is filtered, the gains are those
-    of the filter: see `draw_gains`.
+    None where the scale is taken as exact. See `draw_gains`.
     """
-    rows = posterior.rows
-    if rows.u_cal2 == 0.0 or not len(posterior.measurement.scans):
+    filtered = filter_all(posterior)
+    if posterior.rows.u_cal2 == 0.0 or filtered is None:
         return None
-    filtered = None if posterior.filtered is None else filter_all(posterior)
-    if filtered is not None:
-        return np.stack([draw_gains(posterior, filtered, x, rng) for x in draws])
-    curves, _ = posterior.predict(draws)
-    residual = log_residuals(posterior, curves)
-    result = np.empty((len(draws), rows.noise_column.size))
-    for i, x in enumerate(draws):
-        if posterior.discrepancy is not None:
-            result[i] = _scales_beside_discrepancy(posterior, x, residual[i], curves[i], rng)
-            continue
-        weight = row_weights(posterior, x)
-        shares = np.add.reduceat(weight, rows.scan_start[:-1])
-        s2 = x[rows.noise_column] ** 2
-        sd = np.sqrt(s2 / (shares + s2 / rows.u_cal2))
-        centre = scan_gains(posterior, x, residual[i], weight)
-        result[i] = np.exp(centre + sd * rng.standard_normal(sd.size))
-    return result
-
-
-def _scales_beside_discrepancy(
-    posterior: Posterior, x: Array, residual: Array, curve: Array, rng: np.random.Generator
-) -> Array:
-    """One draw of the calibration factors where the rows share a discrepancy, shape (n_scans,).
-
-    The gains c of the scans, B their indicators, have the posterior mean u^2 B' K^-1 r and the
-    covariance u^2 I - u^4 B' K^-1 B.
-    """
-    rows, law = posterior.rows, posterior.discrepancy
-    assert law is not None
-    scan = scan_of_rows(posterior)
-    of_scan = law.group_of_scan
-    rank = np.array([int(np.sum(of_scan[:j] == of_scan[j])) for j in range(of_scan.size)])
-    indicators = (rank[scan] == np.arange(rank.max() + 1)[:, None]).astype(np.float64)
-    h, extra = divide_by_share(rows, law, x[rows.noise_column][scan] ** 2, curve)
-    values = np.concatenate([residual[None] / h, indicators])
-    solved = precision_times(rows, law, x, extra, values)
-    sums = np.add.reduceat(solved, rows.scan_start[:-1], axis=1)
-    same = of_scan[:, None] == of_scan
-    u2 = rows.u_cal2
-    covariance = u2 * np.eye(scan.max() + 1) - u2**2 * np.where(same, sums[1 + rank].T, 0.0)
-    covariance = 0.5 * (covariance + covariance.T)
-    values, vectors = np.linalg.eigh(covariance)
-    step = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(values.size))
-    return np.asarray(np.exp(u2 * sums[0] + step))
+    return np.stack([draw_gains(posterior, filtered, x, rng) for x in draws])
 
 
 def replicate_dhr(

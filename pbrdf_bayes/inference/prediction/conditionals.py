@@ -27,12 +27,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pbrdf_bayes.inference.likelihood.correlated import divide_by_share
 from pbrdf_bayes.inference.likelihood.groups import set_variances, workspace
 from pbrdf_bayes.inference.likelihood.kalman import group_gradient
 from pbrdf_bayes.inference.likelihood.matern import MISSING
 from pbrdf_bayes.inference.posterior import Posterior
-from pbrdf_bayes.inference.prediction.residuals import log_residuals, scan_of_rows
+from pbrdf_bayes.inference.prediction.residuals import law_of_rows, scan_of_rows
+from pbrdf_bayes.readings.observation import Law
 
 Array = NDArray[np.float64]
 
@@ -74,20 +74,20 @@ def brdf_conditionals(posterior: Posterior, draws: Array, brdf: Array) -> Condit
     conditional of their own either: NaN.
     """
     rows = posterior.rows
-    residual = log_residuals(posterior, brdf)
-    share = rows.floor2 / (brdf * brdf + rows.floor2) if rows.floor2 > 0.0 else 0.0 * brdf[:, :1]
+    law = law_of_rows(posterior, draws, brdf)
+    residual = rows.y - law.mean
     if posterior.discrepancy is not None:
-        return _beside_discrepancy(posterior, draws, residual, brdf)
+        return _beside_discrepancy(posterior, draws, residual, law)
     dof = _student_dof(posterior)
     found = Conditionals(*(np.zeros(residual.shape) for _ in range(3)))
-    for scan, column in enumerate(rows.noise_column.tolist()):
-        a, b = rows.scan_start[scan], rows.scan_start[scan + 1]
-        own = draws[:, [column]] ** 2 + rows.u2[a:b]
-        own = own + (share[:, a:b] if rows.floor2 > 0.0 else share)
-        found.error[:, a:b], found.variance[:, a:b] = _given_others(
-            residual[:, a:b], own, np.ones(b - a), rows.u_cal2, rows.censored[a:b], dof
-        )
-        found.student[:, a:b] = own if np.isfinite(dof) else 0.0
+    for scan in posterior.measurement.scans:
+        of = scan.rows
+        found.error[:, of], found.variance[:, of] = _given_others(
+            residual[:, of], law.variance[:, of], law.share[:, of], rows.u_cal2,
+            rows.censored[of], dof,
+        )  # fmt: skip
+    if np.isfinite(dof):
+        found.student[:] = law.variance
     return found
 
 
@@ -148,7 +148,7 @@ def _student_weight(noise2: Array, own: Array, dof: float) -> Array:
 
 
 def _beside_discrepancy(
-    posterior: Posterior, draws: Array, residual: Array, brdf: Array
+    posterior: Posterior, draws: Array, residual: Array, readings: Law
 ) -> Conditionals:
     """From alpha and the diagonal of K^-1, as a backward pass of the filter gives them."""
     rows, law = posterior.rows, posterior.discrepancy
@@ -160,9 +160,8 @@ def _beside_discrepancy(
     left_out = np.where(rows.censored, MISSING, 0.0)
     for i, x in enumerate(draws):
         group_variance = x[law.noise_column] ** 2
-        s2 = x[rows.noise_column][scan] ** 2
-        h, extra = divide_by_share(rows, law, s2, brdf[i])
-        own, weight = s2 + extra, np.ones(s2.size)
+        s2, h = x[rows.noise_column][scan] ** 2, readings.share[i]
+        own, weight = readings.variance[i] / (h * h), np.ones(s2.size)
         for _ in range(_PASSES if np.isfinite(dof) else 1):
             noise = own / weight
             set_variances(law.groups, work, noise - s2 + left_out)

@@ -236,10 +236,7 @@ def _joint_replicas(
     if "tau" not in names:
         return readings
     tau, ell = names.index("tau"), names.index("ell_deg")
-    smooth = draws.copy()
-    smooth[:, tau] = 0.0
     targets = targets_at(left_out.brdf)
-    plain = replicate_brdf(posterior, smooth, curves, targets, rng)
     keys = [_geometry(scan) for scan in left_out.scans]
     number = {key: i for i, key in enumerate(dict.fromkeys(keys))}
     group = np.repeat([number[key] for key in keys], [len(scan) for scan in left_out.scans])
@@ -249,7 +246,7 @@ def _joint_replicas(
         )
         for x in draws
     ]
-    return np.asarray(plain * np.exp(paths))
+    return replicate_brdf(posterior, draws, curves, targets, rng, paths=np.stack(paths))
 
 
 def _expected_rms(

@@ -70,6 +70,10 @@ def draw_gains(
     """
     g, rows, given = posterior.geometry, posterior.rows, posterior.given(x[None, :])
     state = filter_state(g, rows, filtered, x, posterior.digits, given)
-    values, vectors = np.linalg.eigh(state.gain_cov)
-    step = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(values.size))
-    return np.asarray(np.exp(state.gain + step))
+    scan, mean = filtered.sweep.scan, state.gain.copy()
+    present = scan >= 0
+    blocks = state.gain_cov[scan[:, :, None], scan[:, None, :]]
+    values, vectors = np.linalg.eigh(blocks * (present[:, :, None] & present[:, None, :]))
+    normal = np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(values.shape)
+    mean[scan[present]] += np.einsum("gij,gj->gi", vectors, normal)[present]
+    return np.asarray(np.exp(mean))

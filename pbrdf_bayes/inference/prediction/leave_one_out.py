@@ -29,6 +29,7 @@ from pbrdf_bayes.inference.prediction.conditionals import (
 from pbrdf_bayes.inference.sampling.importance import k_hat_limit
 from pbrdf_bayes.inference.sampling.mixture import Mixture, fit_mixture
 from pbrdf_bayes.inference.sampling.pareto import leave_one_out, smooth_weights
+from pbrdf_bayes.readings.observation import reading_law
 from pbrdf_bayes.records.summary import Influential, ScanPit
 
 Array = NDArray[np.float64]
@@ -39,7 +40,6 @@ _MOST_NUMBERS = 6_000_000
 _MOST_ROWS = 20_000
 _CHUNK = 1000
 _LISTED = 5
-_TINY = 1e-280
 _LOST_SHARE = 0.01
 """Relative variance of the floor above which ln BRDF is not normal; such readings have no PIT."""
 _MOST_REFINED = 12
@@ -155,7 +155,7 @@ def leave_each_out(posterior: Posterior, draws: Array, *, seed: int) -> LeaveOne
     n_influential = int(np.sum(out.k_hat[scored] > limit))
     if swaying.size:
         _refine(posterior, picked, swaying, censored, limit, mixture, out, rng)
-    lost = rows.floor2 / (np.mean(brdf, axis=0) ** 2 + rows.floor2 + _TINY) > _LOST_SHARE
+    lost = reading_law(np.mean(brdf, axis=0), posterior.config.brdf_floor).variance > _LOST_SHARE
     out.z[: rows.y.size][lost] = np.nan
     return _gather(posterior, out, n_draws=size, limit=limit, n_influential=n_influential)
 

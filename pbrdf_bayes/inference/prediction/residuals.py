@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pbrdf_bayes.inference.posterior import Posterior
+from pbrdf_bayes.readings.observation import Law, reading_law
 
 Array = NDArray[np.float64]
 
@@ -65,13 +66,12 @@ def calibrated_residuals(posterior: Posterior, x: Array) -> Residuals:
     Returns
     -------
     Residuals
-        ``dex`` is log10(measured/(factor times model with floor)).
+        ``dex`` is log10(measured/(model with floor and factor)).
     """
     brdf, _ = posterior.predict(x[None, :])
     residual = log_residuals(posterior, brdf[0])
     weight = row_weights(posterior, x)
-    gains = scan_gains(posterior, x, residual, weight)
-    dex = (residual - gains[scan_of_rows(posterior)]) / _LN10
+    dex = beside_gains(posterior, x, residual, weight)[0] / _LN10
     dex[posterior.rows.censored] = np.nan
     return _statistics(posterior, dex, weight)
 
@@ -81,19 +81,20 @@ def log_residuals(posterior: Posterior, brdf: Array) -> Array:
 
     ``brdf`` is the model there [sr^-1], of the same shape.
     """
+    return np.asarray(posterior.rows.y - reading_law(brdf, posterior.config.brdf_floor).mean)
+
+
+def law_of_rows(posterior: Posterior, x: Array, brdf: Array) -> Law:
+    """Law of every BRDF row; ``x`` is (..., n_par), the model there ``brdf`` (..., n_brdf)."""
     rows = posterior.rows
-    return np.asarray(rows.y - floored(np.log(np.maximum(brdf, _TINY)), rows.floor2))
+    white = x[..., rows.noise_column[scan_of_rows(posterior)]] ** 2 + rows.u2
+    return reading_law(brdf, posterior.config.brdf_floor, white)
 
 
 def scan_of_rows(posterior: Posterior) -> NDArray[np.int64]:
     """Index of the scan of every BRDF row, shape (n_brdf,)."""
     lengths = np.diff(posterior.rows.scan_start)
     return np.repeat(np.arange(lengths.size), lengths)
-
-
-def floored(log_f: Array, floor2: float) -> Array:
-    """1/2 ln(f^2 + floor^2): where a reading of the BRDF f is expected beside a floor."""
-    return log_f if floor2 == 0.0 else 0.5 * np.logaddexp(2.0 * log_f, np.log(floor2))
 
 
 def weight_beside_floor(value: ArrayLike, floor: float, noise: ArrayLike) -> Array:
@@ -108,10 +109,8 @@ def weight_beside_floor(value: ArrayLike, floor: float, noise: ArrayLike) -> Arr
     noise : array_like
         Relative noise of a bright reading [1].
     """
-    squares = np.asarray(value, dtype=np.float64) ** 2
-    share = floor**2 / np.maximum(squares + floor**2, _TINY)
     white = np.asarray(noise, dtype=np.float64) ** 2
-    return np.asarray(white / (white + share))
+    return np.asarray(white / reading_law(value, floor, white).variance)
 
 
 def row_weights(posterior: Posterior, x: Array) -> Array:
@@ -121,18 +120,26 @@ def row_weights(posterior: Posterior, x: Array) -> Array:
     return np.where(posterior.rows.censored, 0.0, weight)
 
 
-def scan_gains(posterior: Posterior, x: Array, residual: Array, weight: Array) -> Array:
-    """Most probable ln of the calibration factor of each scan, shape (n_scans,) or (n_scans, n).
+def row_shares(posterior: Posterior) -> Array:
+    """H of every BRDF row, where the BRDF is what was read."""
+    return reading_law(np.exp(posterior.rows.y), posterior.config.brdf_floor).share
 
-    ``residual`` has the shape (n_brdf,) or (n_brdf, n).
+
+def beside_gains(
+    posterior: Posterior, x: Array, residual: Array, weight: Array
+) -> tuple[Array, Array]:
+    """Residuals beside the most probable ln of the calibration factor of their scan, and those.
+
+    ``residual`` has the shape (n_brdf,) or (n_brdf, n), the factors (n_scans,) or (n_scans, n).
     """
-    rows = posterior.rows
+    rows, h = posterior.rows, row_shares(posterior)
     if rows.u_cal2 == 0.0:
-        return np.zeros((rows.noise_column.size, *residual.shape[1:]))
+        return residual, np.zeros((rows.noise_column.size, *residual.shape[1:]))
     starts = rows.scan_start[:-1]
-    sums = np.add.reduceat((weight * residual.T).T, starts, axis=0)
-    shares = np.add.reduceat(weight, starts)
-    return np.asarray((sums.T / (shares + x[rows.noise_column] ** 2 / rows.u_cal2)).T)
+    sums = np.add.reduceat((weight * h * residual.T).T, starts, axis=0)
+    known = np.add.reduceat(weight * h * h, starts) + x[rows.noise_column] ** 2 / rows.u_cal2
+    gains = (sums.T / known).T
+    return np.asarray(residual - (h * gains[scan_of_rows(posterior)].T).T), np.asarray(gains)
 
 
 def _statistics(posterior: Posterior, dex: Array, weight: Array) -> Residuals:

@@ -31,15 +31,16 @@ from numpy.typing import NDArray
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.prediction.residuals import (
     effective_share,
-    floored,
     lag1_of,
+    row_shares,
     row_weights,
 )
 from pbrdf_bayes.measurement import Scan
 from pbrdf_bayes.model.four_parameter import DOMAIN
-from pbrdf_bayes.physics.brdf import TINY, evaluate
+from pbrdf_bayes.physics.brdf import evaluate
 from pbrdf_bayes.physics.geometry import prepare_geometry
 from pbrdf_bayes.quantities import POLARIZATIONS
+from pbrdf_bayes.readings.observation import reading_law
 from pbrdf_bayes.records.summary import ScanWidth
 from pbrdf_bayes.results import QUANTILES
 
@@ -157,15 +158,15 @@ def _own_width(
     posterior: Posterior, x_map: Array, scan: Scan, weight: Array, rho_model: float
 ) -> ScanWidth:
     """Width and scale of one scan by weighted least squares in ln BRDF."""
-    y, floor2 = posterior.rows.y[scan.rows], posterior.rows.floor2
-    log_model = _models_of(posterior, x_map, scan)
+    y, h = posterior.rows.y[scan.rows], row_shares(posterior)[scan.rows]
+    model, floor = _models_of(posterior, x_map, scan), posterior.config.brdf_floor
     missing = dict.fromkeys(("rho0", "u_rho0", "rho", "u_rho", "scale", "lag1"), float("nan"))
 
     def left(ln_rho0: Array) -> tuple[Array, Array]:
         """Residuals beside the scale, shape (n_sets, n_rows), and ln of the scale."""
-        residual = y - floored(log_model(np.exp(ln_rho0)), floor2)
-        gain = np.sum(weight * residual, axis=1) / np.sum(weight)
-        return residual - gain[:, None], gain
+        residual = y - reading_law(model(np.exp(ln_rho0)), floor).mean
+        gain = np.sum(weight * h * residual, axis=1) / np.sum(weight * h * h)
+        return residual - gain[:, None] * h, gain
 
     used = int(np.count_nonzero(weight))
     place = {"label": scan.label, "polarization": scan.polarization, "n": used}
@@ -182,7 +183,7 @@ def _own_width(
     if posterior.discrepancy is None:
         variance = _independent_variance(residual, slope, weight) / _share(lag1, used)
     else:
-        variance = _variance_with_discrepancy(posterior, x_map, scan, slope, weight)
+        variance = _variance_with_discrepancy(posterior, x_map, scan, slope, weight, h)
     u = float(np.sqrt(variance))
     rho0 = float(np.exp(ln_rho0))
     rho = rho_model * rho0 / float(x_map[_RHO0])
@@ -204,7 +205,7 @@ def _share(lag1: float, n: int) -> float:
 
 
 def _variance_with_discrepancy(
-    posterior: Posterior, x_map: Array, scan: Scan, slope: Array, weight: Array
+    posterior: Posterior, x_map: Array, scan: Scan, slope: Array, weight: Array, h: Array
 ) -> float:
     """Variance of ln rho0 under the run's noise and discrepancy at the MAP."""
     names = posterior.parameter_names
@@ -212,7 +213,7 @@ def _variance_with_discrepancy(
     tau, ell = x_map[names.index("tau")], x_map[names.index("ell_deg")]
     cells = np.minimum(_CELLS * (theta_r - theta_r[0]) / max(np.ptp(theta_r), 1e-9), _CELLS - 1)
     _, sums = np.unique(cells.astype(np.int64), return_inverse=True)
-    v = np.bincount(sums, weight * slope)
+    v = np.bincount(sums, weight * h * slope)
     places = np.bincount(sums, theta_r) / np.bincount(sums)
     distance = np.abs(places[:, None] - places) / ell
     white = x_map[names.index(f"s_rel_{scan.polarization}")] ** 2
@@ -229,7 +230,7 @@ def _matern(posterior: Posterior, distance: Array) -> Array:
 
 
 def _models_of(posterior: Posterior, x_map: Array, scan: Scan) -> Callable[[Array], Array]:
-    """Ln BRDF of the rows of a scan for widths (n_sets,), shape (n_sets, n_rows)."""
+    """BRDF of the rows of a scan for widths (n_sets,), shape (n_sets, n_rows)."""
     brdf, rows = posterior.measurement.brdf, scan.rows
     geometry = prepare_geometry(
         theta_i=np.deg2rad(brdf.theta_i_deg[rows]), theta_r=np.deg2rad(brdf.theta_r_deg[rows]),
@@ -237,12 +238,12 @@ def _models_of(posterior: Posterior, x_map: Array, scan: Scan) -> Callable[[Arra
         dhr_theta_i=np.zeros(0), dhr_polarization=np.zeros(0, np.str_),
     )  # fmt: skip
 
-    def log_model(rho0: Array) -> Array:
+    def model(rho0: Array) -> Array:
         x = np.tile(x_map, (rho0.size, 1))
         x[:, _RHO0] = rho0
-        return np.asarray(np.log(np.maximum(posterior.predict(x, geometry)[0], TINY)))
+        return posterior.predict(x, geometry)[0]
 
-    return log_model
+    return model
 
 
 def _least(cost: Callable[[Array], Array]) -> tuple[float, float] | None:

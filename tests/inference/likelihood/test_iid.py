@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import integrate, stats
 
 import pbrdf_bayes as pb
-from pbrdf_bayes.inference.likelihood.floored_scans import log_normal_cdf
+from pbrdf_bayes.inference.likelihood.independent import log_normal_cdf
 from pbrdf_bayes.measurement import Measurement, Scan, select_scans
 from pbrdf_bayes.model.simulate import simulate_measurement
 
@@ -49,7 +49,7 @@ def model_of(measurement: Measurement, scan: Scan) -> Array:
 def dense_scan(
     measurement: Measurement, scan: Scan, s_rel: float, *, u_cal: float = 0.0, floor: float = 0.0
 ) -> float:
-    """ln N(y; 1/2 ln(f^2 + b^2), diag + u_cal^2 1 1') of the uncensored rows, ln Phi of the others."""
+    """ln N(y; 1/2 ln(f^2 + b^2), diag + u_cal^2 h h') of the uncensored rows, ln Phi of the others."""
     readings = measurement.brdf
     value, u = readings.value[scan.rows], readings.u_value[scan.rows].copy()
     f2 = model_of(measurement, scan) ** 2
@@ -58,15 +58,15 @@ def dense_scan(
     relative2[pooled] = np.mean(relative2[pooled]) if pooled.any() else 0.0
     mean = 0.5 * np.log(f2 + floor**2)
     variance = s_rel**2 + relative2 + floor**2 / (f2 + floor**2)
-    low = value <= floor
+    low, h = value <= floor, f2 / (f2 + floor**2)
     total = 0.0
     if np.any(~low):
-        covariance = np.diag(variance[~low]) + u_cal**2
+        covariance = np.diag(variance[~low]) + u_cal**2 * np.outer(h, h)[np.ix_(~low, ~low)]
         total += float(
             stats.multivariate_normal(mean[~low], covariance).logpdf(np.log(value[~low]))
         )
     if np.any(low):
-        deviation = np.sqrt(variance[low] + u_cal**2)
+        deviation = np.sqrt(variance[low] + u_cal**2 * h[low] ** 2)
         total += float(np.sum(stats.norm.logcdf((math.log(floor) - mean[low]) / deviation)))
     return total
 
@@ -275,11 +275,11 @@ def test_censored_readings_know_the_gain_of_their_scan(
     f2 = model_of(m, m.scans[0]) ** 2
     mean = 0.5 * np.log(f2 + floor**2)
     sd = np.sqrt(s_rel**2 + floor**2 / (f2 + floor**2))
-    y = np.log(np.maximum(m.brdf.value, 1e-300))
+    y, h = np.log(np.maximum(m.brdf.value, 1e-300)), f2 / (f2 + floor**2)
 
     def log_integrand(c: float) -> float:
-        terms = stats.norm.logpdf(y[~low], mean[~low] + c, sd[~low]).sum()
-        terms += stats.norm.logcdf((math.log(floor) - mean[low] - c) / sd[low]).sum()
+        terms = stats.norm.logpdf(y[~low], mean[~low] + h[~low] * c, sd[~low]).sum()
+        terms += stats.norm.logcdf((math.log(floor) - mean[low] - h[low] * c) / sd[low]).sum()
         return float(terms + stats.norm.logpdf(c, 0.0, u_brdf_cal))
 
     grid = np.linspace(-6.0 * u_brdf_cal, 6.0 * u_brdf_cal, 20_001)

@@ -53,9 +53,8 @@ def dense_brdf(posterior: Posterior, x: Array) -> tuple[Array, Array]:
     if "tau" in value:  # the scans here are one to a geometry
         away = np.abs(m.brdf.theta_r_deg[:, None] - m.brdf.theta_r_deg) * 3**0.5 / value["ell_deg"]
         shared += value["tau"] ** 2 * (1 + away) * np.exp(-away) * (scan[:, None] == scan)
-        h = f**2 / (f**2 + b2)  # what a factor on f does beside the floor
-        shared *= np.outer(h, h)
-    return residual, covariance + shared
+    h = f**2 / (f**2 + b2)  # what a factor on f does beside the floor
+    return residual, covariance + shared * np.outer(h, h)
 
 
 def given_others(residual: Array, covariance: Array) -> tuple[Array, Array]:

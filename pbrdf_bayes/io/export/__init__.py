@@ -1,0 +1,1 @@
+"""Writers of files for ray tracers, renderers and other laboratories: records in, text out."""
