@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pbrdf_bayes.errors import DataError
-from pbrdf_bayes.quantities import POLARIZATIONS as POLARIZATIONS
-from pbrdf_bayes.quantities import QUANTITIES, READ
+from pbrdf_bayes.quantities import POLARIZATIONS, QUANTITIES, READ
 
 ANGLE_TOLERANCE_DEG = 0.05
 """Incidences and azimuths that differ by no more are one: encoders jitter."""
-DHR_RANGE = QUANTITIES["dhr"].readable
 MOST_SCANS = 10_000
 """Scans of one sample."""
 MAX_LABEL = 200

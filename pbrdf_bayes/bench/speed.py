@@ -185,7 +185,8 @@ _THREADED_SETS = 256
 
 def _kernel(posterior: Posterior, x: Array) -> Callable[[], object]:
     geometry, rows, digits = posterior.geometry, posterior.rows, posterior.digits
-    return lambda: iid_log_likelihood(geometry, rows, x, digits, NOTHING_GIVEN)
+    none = posterior.errors[None]
+    return lambda: iid_log_likelihood(geometry, rows, x, digits, NOTHING_GIVEN, none)
 
 
 def _at_once(pool: ThreadPoolExecutor, calls: list[Callable[[], object]]) -> Callable[[], object]:

@@ -28,8 +28,11 @@ from pbrdf_bayes.config import ACCURACIES
 from pbrdf_bayes.conform.conformity import ESS_FINEST
 from pbrdf_bayes.effects_table import INSTRUMENT_PARAMETERS
 from pbrdf_bayes.inference.posterior import Posterior
-from pbrdf_bayes.inference.prediction.discrepancy import Process, draw_prior_discrepancy
-from pbrdf_bayes.inference.prediction.discrepancy_paths import draw_paths_given
+from pbrdf_bayes.inference.prediction.discrepancy import (
+    Process,
+    draw_paths_given,
+    draw_prior_discrepancy,
+)
 from pbrdf_bayes.measurement import name_half_plane
 from pbrdf_bayes.model.four_parameter import DOMAIN, digits_of
 from pbrdf_bayes.physics.geometry import prepare_geometry

@@ -43,9 +43,8 @@ class Costs:
 
     def of(self, quantity: str, n_readings: int) -> float:
         """Minutes of a measurement."""
-        if quantity == "brdf":
-            return self.scan_minutes + n_readings * self.dwell_seconds / 60.0
-        return self.dhr_minutes if quantity == "dhr" else self.ddr_minutes
+        scan = self.scan_minutes + n_readings * self.dwell_seconds / 60.0
+        return {"brdf": scan, "dhr": self.dhr_minutes, "ddr": self.ddr_minutes}[quantity]
 
 
 @dataclass(frozen=True)

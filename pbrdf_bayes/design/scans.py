@@ -20,8 +20,11 @@ from pbrdf_bayes.design.beliefs import Beliefs, DrawnSets
 from pbrdf_bayes.design.candidates import Candidate, scans_alike
 from pbrdf_bayes.design.pairs import matched_log_likelihoods, pair_log_likelihoods
 from pbrdf_bayes.inference.posterior import Posterior
-from pbrdf_bayes.inference.prediction.discrepancy import Process, draw_prior_discrepancy
-from pbrdf_bayes.inference.prediction.discrepancy_paths import draw_paths_given
+from pbrdf_bayes.inference.prediction.discrepancy import (
+    Process,
+    draw_paths_given,
+    draw_prior_discrepancy,
+)
 from pbrdf_bayes.measurement import Scan
 from pbrdf_bayes.physics.geometry import Geometry, prepare_geometry
 from pbrdf_bayes.readings.observation import Law, draw_readings, reading_law

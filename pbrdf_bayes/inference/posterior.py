@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -36,6 +36,7 @@ from pbrdf_bayes.physics.given import NOTHING_GIVEN, Given
 from pbrdf_bayes.physics.hemispherical import conserves_energy
 from pbrdf_bayes.physics.scattering import evaluate_scene, evaluate_with_effects
 from pbrdf_bayes.physics.scene import Scene
+from pbrdf_bayes.quantities import POLARIZATIONS
 
 Array = NDArray[np.float64]
 
@@ -67,6 +68,9 @@ class Posterior:
         Power of the likelihood, 1 for the posterior; see `tempered`.
     scene : Scene or None
         Line shape and effects; None for exactly the four-parameter model.
+    errors : ndarray, shape (n_errors, n_brdf)
+        Sensitivities S of `readings.observation` to the systematic errors; without rows for none.
+        Set them by `with_errors`.
 
     Notes
     -----
@@ -84,6 +88,7 @@ class Posterior:
     weight: float = 1.0
     filtered: Filtered | None = None
     scene: Scene | None = None
+    errors: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @cached_property
     def parameter_names(self) -> tuple[str, ...]:
@@ -138,12 +143,12 @@ class Posterior:
 
     def _log_likelihood(self, x: Array, digits: float, given: Given) -> Array:
         """With weight 1, by the likelihood of the run."""
-        g, rows, law = self.geometry, self.rows, self.discrepancy
+        g, rows, law, s = self.geometry, self.rows, self.discrepancy, self.errors[None]
         if self.filtered is not None:
-            return filtered_log_likelihood(g, rows, self.filtered, x, digits, given)
+            return filtered_log_likelihood(g, rows, self.filtered, x, digits, given, s)
         if law is None:
-            return iid_log_likelihood(g, rows, x, digits, given)
-        return correlated_log_likelihood(g, rows, law, x, digits, given)
+            return iid_log_likelihood(g, rows, x, digits, given, s)
+        return correlated_log_likelihood(g, rows, law, x, digits, given, s)
 
     def given(self, x: Array, digits: float | None = None) -> Given:
         """Values of a model with effects at the rows, nothing for the four-parameter model.
@@ -153,6 +158,28 @@ class Posterior:
         if self.scene is None:
             return NOTHING_GIVEN
         return Given(*evaluate_scene(self.geometry, self.scene, x, digits or self.digits))
+
+    def with_errors(self, sensitivities: ArrayLike) -> Posterior:
+        """The same posterior beside systematic errors that the scans share.
+
+        Parameters
+        ----------
+        sensitivities : array_like, shape (n_errors, n_brdf)
+            Change of ln BRDF of each row with one standard uncertainty of each error.
+
+        Raises
+        ------
+        DataError
+            When the shape is another.
+        """
+        s = np.ascontiguousarray(sensitivities, dtype=np.float64)
+        if s.ndim != 2 or s.shape[1] != self.rows.y.size:
+            msg = f"sensitivities have shape {s.shape}; wanted (n_errors, {self.rows.y.size})"
+            raise DataError(msg)
+        filtered = prepare_filtered(
+            self.measurement, self.rows, self.config, self.discrepancy, errors=len(s) > 0
+        )
+        return replace(self, errors=s, filtered=filtered)
 
     def tempered(self, weight: float) -> Posterior:
         """The same posterior with the likelihood raised to a power: weaker evidence.
@@ -177,8 +204,9 @@ class Posterior:
     def log_prob_gradient(self, x: ArrayLike) -> tuple[Array, Array]:
         """`log_prob` and its derivatives by ``x``, shapes (n_sets,) and (n_sets, n_par).
 
-        Analytic, from the same pass; for a model with effects by central differences of a finer
-        quadrature. Zero slope where the density is zero.
+        Analytic, from the same pass; for a model with effects, and for systematic errors beside
+        censored or Student-t rows, by central differences of a finer quadrature. Zero slope where
+        the density is zero.
         """
         x = self._checked(x)
         values = self.log_prior(x)
@@ -192,13 +220,13 @@ class Posterior:
 
     def _likelihood_gradient(self, x: Array) -> tuple[Array, Array]:
         g, rows, law = self.geometry, self.rows, self.discrepancy
-        if self.scene is not None:
+        if self.scene is not None or (self.filtered is not None and self.errors.size):
             return self._differences(x)
         if self.filtered is not None:
             return filtered_gradient(g, rows, self.filtered, x, self.digits)
         if law is None:
-            return iid_gradient(g, rows, x, self.digits)
-        return correlated_gradient(g, rows, law, x, self.digits)
+            return iid_gradient(g, rows, x, self.digits, self.errors[None])
+        return correlated_gradient(g, rows, law, x, self.digits, self.errors[None])
 
     def _differences(self, x: Array) -> tuple[Array, Array]:
         """Log-likelihood and central differences; at a bound one-sided, from inside.
@@ -336,9 +364,7 @@ def build_posterior(measurement: Measurement, config: RunConfig) -> Posterior:
     )
     rows = prepare_rows(
         measurement,
-        noise_columns={
-            q: columns[f"s_rel_{q}"] for q in ("s", "p", "u") if f"s_rel_{q}" in columns
-        },
+        noise_columns={q: columns[f"s_rel_{q}"] for q in POLARIZATIONS if f"s_rel_{q}" in columns},
         dhr_noise_column=columns.get("u_dhr", -1),
         floor=config.brdf_floor,
         u_cal=RELATIVE_SCALE if config.brdf_scale == "relative" else config.u_brdf_cal,

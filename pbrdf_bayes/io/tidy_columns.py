@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.config import did_you_mean, plain_spaces
 from pbrdf_bayes.io.problems import Problem, Problems, show_cell
-from pbrdf_bayes.measurement import DHR_RANGE, MAX_LABEL, MAX_NAME, POLARIZATIONS
+from pbrdf_bayes.measurement import MAX_LABEL, MAX_NAME
+from pbrdf_bayes.quantities import MEANT, POLARIZATIONS, QUANTITIES, READ
 
-QUANTITIES = ("brdf", "dhr")
 OVERLOAD = 1e30
 """Numbers from here on are words of an instrument for 'overload', such as 9.9E37."""
 MINUS = "\N{MINUS SIGN}"
@@ -80,6 +80,7 @@ class Column:
 
 MOST_SAMPLES = 10_000
 """Samples of one file, each wavelength counted."""
+_DHR = QUANTITIES["dhr"].readable
 _EMPTY_IN_DHR = Range(-inf, inf, "an empty cell in a DHR row", "Leave the cell empty.", ("", "nan"))
 _FLOOR = (
     "Give the instrument's noise floor (brdf_floor in the file of --config, or check "
@@ -89,7 +90,7 @@ _COLUMNS = (
     Column("sample", required=True, longest=MAX_NAME, most=MOST_SAMPLES),
     Column("wavelength_um", required=True, ranges={"": Range(
         0.0, inf, "> 0 um", "Give the wavelength in micrometres.", above_low=True)}),
-    Column("quantity", required=True, words=QUANTITIES),
+    Column("quantity", required=True, words=READ),
     Column("polarization", required=True, words=POLARIZATIONS),
     Column("theta_i_deg", required=True, ranges={"": Range(
         0.0, 89.95, "0 to 89.95 deg",
@@ -100,7 +101,7 @@ _COLUMNS = (
         "dhr": _EMPTY_IN_DHR}),
     Column("value", required=True, ranges={
         "brdf": Range(0.0, inf, "> 0 sr^-1", _FLOOR, above_low=True),
-        "dhr": Range(*DHR_RANGE, "{:g} to {:g}".format(*DHR_RANGE),
+        "dhr": Range(*_DHR, "{:g} to {:g}".format(*_DHR),
                      "A DHR is a fraction: divide by 100 if it is in per cent, "
                      "else flag the row.")}),
     Column("sigma", ranges={"": Range(
@@ -124,13 +125,6 @@ COLUMNS = tuple(COLUMN)
 REQUIRED = tuple(column.name for column in _COLUMNS if column.required)
 NUMBER_COLUMNS = tuple(column.name for column in _COLUMNS if column.ranges)
 WORD_COLUMNS = tuple(column.name for column in _COLUMNS if not column.ranges)
-_WORDS_MEANT = {
-    **dict.fromkeys(("te", "perpendicular", "senkrecht"), "s"),
-    **dict.fromkeys(("tm", "parallel"), "p"),
-    **dict.fromkeys(("unpolarized", "unpolarised", "unpol", "none", "mean", "random"), "u"),
-    **dict.fromkeys(("bsdf", "brf"), "brdf"),
-    **dict.fromkeys(("hdr", "tis", "hemispherical", "reflectance"), "dhr"),
-}
 
 
 def to_floats(cells: Sequence[str]) -> NDArray[np.float64]:
@@ -190,7 +184,7 @@ def explain_word(cell: str, column: Column) -> tuple[str, str]:
     word = cell.strip().lower()
     if column.words:
         known = ", ".join(column.words)
-        meant = _WORDS_MEANT.get(word, word)
+        meant = MEANT.get(word, word)
         hint = did_you_mean(meant, column.words) or f" Write one of {known}."
         shown, seen = (show_cell(cell), " is not allowed") if word else ("", "empty")
         return shown, f"{seen} (allowed: {known}; in lower case).{hint}"

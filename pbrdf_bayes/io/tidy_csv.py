@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import isclose, isfinite, nan
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,9 +57,12 @@ from pbrdf_bayes.measurement import (
     measurement_from_columns,
 )
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 __all__ = [
-    "TidyFile", "import_readings", "read_measurement", "read_samples", "read_usable_samples",
-    "write_tidy_csv",
+    "TidyFile", "import_readings", "import_to_csv", "read_measurement", "read_samples",
+    "read_usable_samples", "write_tidy_csv",
 ]  # fmt: skip
 
 Key = tuple[str, float]
@@ -137,21 +140,22 @@ class _Content:
 
 
 def read_measurement(
-    path: str | Path,
+    path: str | Path | pd.DataFrame,
     *,
     sample: str | None = None,
     wavelength_um: float | None = None,
     brdf_floor: float = 0.0,
 ) -> Measurement:
-    r"""Read and validate a tidy CSV; return the readings of one sample at one wavelength.
+    r"""Read and validate readings; return those of one sample at one wavelength.
 
     The whole file has to be valid, so that a shifted column is noticed wherever it shows first.
     Rows with a ``flag`` other than ``ok`` are counted in ``Measurement.excluded`` and not checked.
 
     Parameters
     ----------
-    path : str or Path
-        File in UTF-8 with a header, comma-separated.
+    path : str, Path or DataFrame
+        Tidy CSV in UTF-8 with a header, comma-separated, or a table with its columns; or a file in
+        one of the formats of `import_readings`, where it leaves nothing undecided.
     sample : str, optional
         Name of the sample; needed where the file has several.
     wavelength_um : float, optional
@@ -186,7 +190,13 @@ def read_measurement(
     ('green', 3.39, 1, 1)
     >>> folder.cleanup()
     """
-    return _measurement(_read(path, brdf_floor, rows_of_no_sample=False), sample, wavelength_um)
+    if isinstance(path, str | Path):
+        content = _read(path, brdf_floor, rows_of_no_sample=False)
+    else:
+        data = path.to_csv(index=False).encode("utf-8", "surrogatepass")
+        digest = hashlib.sha256(data).hexdigest()
+        content = _read_data("DataFrame", data, digest, brdf_floor, (), rows_of_no_sample=False)
+    return _measurement(content, sample, wavelength_um)
 
 
 def _measurement(content: _Content, sample: str | None, wavelength_um: float | None) -> Measurement:

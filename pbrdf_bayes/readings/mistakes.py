@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.measurement import Measurement, Readings
+from pbrdf_bayes.quantities import S_AND_P
 from pbrdf_bayes.readings.checks import MAX_THETA_I_P_DEG, shows_its_lobe
 from pbrdf_bayes.readings.scan_statistics import (
     Profile,
@@ -279,7 +280,7 @@ def _half_contrast(dhr: Readings, s: Profile) -> float:
 
 def _dhr_excess(dhr: Readings) -> tuple[float, float]:
     """Mean of DHR_s - DHR_p at common oblique angles, and its error [1]."""
-    by = {q: dhr.polarization == q for q in ("s", "p")}
+    by = {q: dhr.polarization == q for q in S_AND_P}
     s, p = (
         {round(float(a), 3): float(v) for a, v in zip(
             dhr.theta_i_deg[rows], dhr.value[rows], strict=True)}

@@ -94,12 +94,14 @@ def compare_misfits(posterior: Posterior, x: Array, *, seed: int) -> CommonMisfi
     )  # fmt: skip
     groups = np.unique(data.group)
     smooth = smoother(
-        data, process, theta_r_deg=np.tile(wanted, groups.size),
-        group=np.repeat(groups, wanted.size),
+        data.theta_r_deg, data.group, data.scan, wanted_deg=np.tile(wanted, groups.size),
+        wanted_group=np.repeat(groups, wanted.size), rough=process.rough,
     )  # fmt: skip
 
     def correlation(residual: Array) -> float:
-        return _correlation(smooth(residual)[0].reshape(groups.size, wanted.size))
+        return _correlation(
+            smooth(residual, data.variance, process)[0].reshape(groups.size, wanted.size)
+        )
 
     rng = np.random.default_rng([seed, 21])
     found = correlation(data.residual)

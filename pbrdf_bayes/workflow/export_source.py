@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pbrdf_bayes.effects_table import INSTRUMENT_PARAMETERS
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.io.export.records import Fitted
 from pbrdf_bayes.io.run_folder import load_analysis
-from pbrdf_bayes.model.effects import INSTRUMENT_FIELDS, Effects, effects_of_fit, scene_and_columns
+from pbrdf_bayes.model.effects import Effects, effects_of_fit, scene_and_columns
 from pbrdf_bayes.model.four_parameter import DOMAIN, Parameters, brdf, dhr, digits_of
 from pbrdf_bayes.physics.brdf import evaluate
 from pbrdf_bayes.physics.geometry import Geometry, prepare_geometry
@@ -124,7 +125,7 @@ def source_of_parameters(
     Source
     """
     given = effects or Effects()
-    without = tuple(n for n in INSTRUMENT_FIELDS if getattr(given, n) != getattr(Effects(), n))
+    without = tuple(n for n in INSTRUMENT_PARAMETERS if getattr(given, n) != getattr(Effects(), n))
     added = replace(given, **{name: getattr(Effects(), name) for name in without})
     x = parameters.as_array()
 
@@ -156,7 +157,7 @@ def source_of_run(run: Analysis) -> Source:
     names = posterior.parameter_names
     picked, _ = drawn_sets(run, names, N_BAND_DRAWS)
     rows = run.summary["parameters"]
-    without = tuple(name for name in INSTRUMENT_FIELDS if name in names)
+    without = tuple(name for name in INSTRUMENT_PARAMETERS if name in names)
     picked = picked.copy()
     for name in without:
         picked[:, names.index(name)] = getattr(Effects(), name)

@@ -27,6 +27,7 @@ from pbrdf_bayes.io.export.zemax import zemax_text
 from pbrdf_bayes.io.run_folder import refuse_to_replace, write_bytes
 from pbrdf_bayes.model.effects import Effects
 from pbrdf_bayes.model.four_parameter import Parameters, check_directions
+from pbrdf_bayes.quantities import POLARIZATIONS
 from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.workflow.export_grids import (
     COUNTED_DEG,
@@ -101,7 +102,7 @@ def export_brdf(
     path: Path | str,
     *,
     format: str,  # noqa: A002
-    polarizations: Sequence[str] = ("s", "p", "u"),
+    polarizations: Sequence[str] = POLARIZATIONS,
     theta_i_deg: Sequence[float] | None = None,
     wavelength_um: float | None = None,
     effects: Effects | None = None,
@@ -180,7 +181,7 @@ def _name(target: Path, file: _File, *, several: bool) -> Path:
 
 def _checked_polarizations(polarizations: Sequence[str]) -> tuple[str, ...]:
     chosen = tuple(dict.fromkeys(polarizations))
-    if not chosen or any(q not in ("s", "p", "u") for q in chosen):
+    if not chosen or any(q not in POLARIZATIONS for q in chosen):
         msg = f"polarizations = {list(polarizations)!r} is not allowed. Give some of 's', 'p', 'u'"
         raise ConfigError(msg)
     return chosen

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 import pbrdf_bayes as pb
-from pbrdf_bayes.config import FRESNEL_AT
+from pbrdf_bayes.effects_table import FRESNEL_AT
 from pbrdf_bayes.inference.effects_choice.choose import TYPICAL_N, compare_configs
 from pbrdf_bayes.inference.prediction.holdout_cases import list_cases
 from pbrdf_bayes.measurement import Measurement

@@ -53,18 +53,23 @@ def scan_of(q: str, theta_i: float, scan: tuple[float, ...] = SCAN) -> Candidate
     return Candidate("brdf", q, theta_i, 10.0, theta_r_deg=scan)
 
 
-def joint_covariance(b: Beliefs, planned, law, i: int) -> np.ndarray:
+def joint_covariance(b: Beliefs, planned, sets, i: int) -> np.ndarray:
+    """From the formula of `readings.observation`."""
+    f2 = b.posterior.predict(sets.x[i : i + 1], planned.geometry)[0][0] ** 2
+    h = f2 / (f2 + b.posterior.config.brdf_floor**2)
     gap = np.abs(planned.theta_r_deg[:, None] - planned.theta_r_deg)
-    a = np.sqrt(3.0) * gap / law.sets.ell_deg[i]
+    a = np.sqrt(3.0) * gap / sets.ell_deg[i]
     same = planned.scan[:, None] == planned.scan
-    common = law.sets.tau[i] ** 2 * (1.0 + a) * np.exp(-a) + b.posterior.rows.u_cal2 * same
-    return common + np.diag(law.variance[i])
+    common = sets.tau[i] ** 2 * (1.0 + a) * np.exp(-a) + b.posterior.rows.u_cal2 * same
+    return common * np.outer(h, h) + np.diag(sets.variance[planned.polarization][i] + 1.0 - h)
 
 
-@pytest.mark.parametrize("theta_i", [20.0, 20.6, 40.0])
-def test_law_of_a_scan_given_what_was_measured_there(theta_i: float) -> None:
+@pytest.mark.parametrize(
+    ("theta_i", "floor"), [(20.0, 0.0), (20.6, 0.0), (40.0, 0.0), (20.0, 2e-3), (40.0, 2e-3)]
+)
+def test_law_of_a_scan_given_what_was_measured_there(theta_i: float, floor: float) -> None:
     """Dense conditional normal densities; at 40 deg nothing was measured, 20.6 repeats 20."""
-    b = beliefs()
+    b = beliefs(brdf_floor=floor)
     candidate = scan_of("p", theta_i)
     planned = plan_scan(b, candidate, np.ones(len(SCAN), dtype=bool))
     assert planned.new.all() == (theta_i == 40.0)
@@ -76,10 +81,10 @@ def test_law_of_a_scan_given_what_was_measured_there(theta_i: float) -> None:
     paint = pb.Parameters(**dict(zip(PHYSICAL, sets.x[0, :4].tolist(), strict=True)))
     for rows, angle in ((new, theta_i), (old, 20.0)):
         at = pb.brdf(paint, angle, planned.theta_r_deg[rows], "p")
-        np.testing.assert_allclose(law.mean[0, rows], np.log(at), atol=1e-4)
+        np.testing.assert_allclose(law.mean[0, rows], np.log(np.hypot(at, floor)), atol=1e-4)
     for i in range(4):
         for m in range(4):
-            k, mean = joint_covariance(b, planned, law, m), law.mean[m]
+            k, mean = joint_covariance(b, planned, sets, m), law.mean[m]
             gain = np.linalg.solve(k[np.ix_(old, old)], k[np.ix_(old, new)]).T
             centre = mean[new] + gain @ (planned.y[old] - mean[old])
             rest = k[np.ix_(new, new)] - gain @ k[np.ix_(old, new)]
@@ -87,16 +92,16 @@ def test_law_of_a_scan_given_what_was_measured_there(theta_i: float) -> None:
             assert found[i, m] == pytest.approx(wanted, rel=1e-8)
 
 
-@pytest.mark.parametrize("theta_i", [20.0, 40.0])
-def test_drawn_scans_have_their_law(theta_i: float) -> None:
+@pytest.mark.parametrize(("theta_i", "floor"), [(20.0, 0.0), (40.0, 0.0), (20.0, 2e-3)])
+def test_drawn_scans_have_their_law(theta_i: float, floor: float) -> None:
     """Squared Mahalanobis distances of draws from one set are chi-squared."""
-    b = beliefs()
+    b = beliefs(brdf_floor=floor)
     planned = plan_scan(b, scan_of("s", theta_i), np.ones(len(SCAN), dtype=bool))
     sets = draw_sets(b, np.repeat(b.x[:1], 1500, axis=0), np.random.default_rng(5))
     law = law_of_rows(b, planned, sets, b.posterior.predict(sets.x, planned.geometry)[0])
     y = draw_scans(b, planned, law, seed=6)
     new, old = planned.new, ~planned.new
-    k = joint_covariance(b, planned, law, 0)
+    k = joint_covariance(b, planned, sets, 0)
     gain = np.linalg.solve(k[np.ix_(old, old)], k[np.ix_(old, new)]).T
     centre = law.mean[0][new] + gain @ (planned.y[old] - law.mean[0][old])
     rest = k[np.ix_(new, new)] - gain @ k[np.ix_(old, new)]

@@ -33,6 +33,11 @@ The error of the log-likelihood, against exact sums, orthant probabilities and a
 The posterior mean of an offset of such scans moves by less than 0.03 standard deviations. Beyond
 it: a scan whose gain is free and whose readings near the start of the sweep are all outliers.
 
+Each reading has become a normal one of precision 1/(-1/L'' - s) at mu - L'/L''. Sensitivities to
+systematic errors go through the filter of these, whose innovations i_c of them give
+
+    v_c = sum i_c L',   G_cd = -sum i_c i_d L''          (`inference.likelihood.systematic`).
+
 The gradient is that of this recursion: `pbrdf_bayes.inference.likelihood.assumed_density_slopes`.
 """
 
@@ -63,9 +68,17 @@ def _begin(mean: Array, cov: Array, tau2: float, u_cal2: float) -> None:
 
 
 @compiled()
+def _turn_mean(mean: Array) -> None:
+    """The mean back at the state that was kept, to go the other way."""
+    mean[0], mean[1] = mean[2], -mean[3]
+    mean[2] = 0.0
+    mean[3] = 0.0
+
+
+@compiled()
 def _turn(mean: Array, cov: Array) -> None:
     """Back to the state that was kept, to go the other way."""
-    mean[0], mean[1] = mean[2], -mean[3]
+    _turn_mean(mean)
     for _ in range(2):  # rows, then columns
         for j in range(mean.size):
             cov[0, j] = cov[2, j]
@@ -73,8 +86,6 @@ def _turn(mean: Array, cov: Array) -> None:
             cov[2, j] = 0.0
             cov[3, j] = 0.0
         transpose(cov)
-    mean[2] = 0.0
-    mean[3] = 0.0
 
 
 @compiled()
@@ -86,10 +97,17 @@ def transpose(matrix: Array) -> None:
 
 
 @compiled()
+def _move_mean(mean: Array, steps: Array, t: int) -> None:
+    """Prediction of the mean at the next point."""
+    e, b = steps[0, t], steps[1, t]
+    mean[0], mean[1] = (e + b) * mean[0] + b * mean[1], (e - b) * mean[1] - b * mean[0]
+
+
+@compiled()
 def _move(mean: Array, cov: Array, steps: Array, t: int, tau2: float) -> None:
     """Prediction of the next point."""
     e, b, q = steps[0, t], steps[1, t], steps[2, t]
-    mean[0], mean[1] = (e + b) * mean[0] + b * mean[1], (e - b) * mean[1] - b * mean[0]
+    _move_mean(mean, steps, t)
     for _ in range(2):
         for j in range(mean.size):
             p0, p1 = cov[0, j], cov[1, j]
@@ -132,6 +150,26 @@ def _update(mean: Array, cov: Array, c: int, z: Array, s: float, found: Array) -
 
 
 @compiled()
+def _filter_errors(sweep: Sweep, g: int, t: int, tape: Tape, z: Array, found: Array) -> None:
+    """Sensitivities through step ``t``; its part of v and of the lower triangle of G."""
+    row, c, innovation = sweep.row[t], sweep.gain[t], tape.error_innovation
+    for j in range(tape.v.size):
+        mean = tape.error_mean[j]
+        if t == sweep.start[g]:
+            mean[:] = 0.0
+        else:
+            if t == sweep.turn[g]:
+                _turn_mean(mean)
+            _move_mean(mean, tape.steps, t)
+        innovation[j] = tape.sensitivities[j, row] - mean[0] - mean[c]
+        tape.v[j] += innovation[j] * found[A]
+        for h in range(j + 1):
+            tape.g[j, h] += innovation[j] * innovation[h] * found[W]
+        for i in range(mean.size):
+            mean[i] += z[i] * found[W] * innovation[j]
+
+
+@compiled()
 def sweep_group(
     sweep: Sweep, g: int, tape: Tape, residual: Array, variance: Array, censored: Flags,
     u_cal2: float, tau2: float, keep: bool, moments: Array,
@@ -167,6 +205,7 @@ def sweep_group(
             moments[0, row] = e
             moments[1, row] = s
         if not keep:
+            _filter_errors(sweep, g, t, tape, z, found)
             _update(mean, cov, c, z, s, found)
     return total
 
@@ -196,8 +235,11 @@ def sweep_log_likelihood(
     Returns
     -------
     float
+        Without the errors of ``tape.sensitivities``, whose v and G it then holds.
     """
     fill_steps(sweep.spacing, sweep.rough, tau, ell, tape.steps)
+    tape.v[:] = 0.0
+    tape.g[:] = 0.0
     total = 0.0
     nothing = np.empty((2, 0))
     for g in range(sweep.group.size):

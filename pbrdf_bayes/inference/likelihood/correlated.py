@@ -13,10 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.inference.likelihood.dhr import add_dhr_slopes, dhr_readings
-from pbrdf_bayes.inference.likelihood.groups import Groups, prepare_groups, set_variances, workspace
+from pbrdf_bayes.inference.likelihood.groups import (
+    Groups,
+    prepare_groups,
+    set_errors,
+    set_variances,
+    workspace,
+)
 from pbrdf_bayes.inference.likelihood.kalman import group_gradient, group_log_likelihood
 from pbrdf_bayes.inference.likelihood.rows import Rows
 from pbrdf_bayes.inference.likelihood.scaled_rows import add_row_slopes, compare_rows, scaled_rows
+from pbrdf_bayes.inference.likelihood.systematic import marginalise
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.physics.brdf import buffers, fill_dhr, log_brdf
 from pbrdf_bayes.physics.compiled import compiled
@@ -103,7 +110,7 @@ def fill_group_variance(law: Discrepancy, x: Array, out: Array) -> None:
 @compiled(nogil=True)
 def correlated_log_likelihood(
     geometry: Geometry, rows: Rows, law: Discrepancy, parameters: Array, digits: float,
-    given: Given,
+    given: Given, sensitivities: Array,
 ) -> Array:  # fmt: skip
     """Log-likelihood of every parameter set.
 
@@ -119,6 +126,8 @@ def correlated_log_likelihood(
         Correct decimal digits of the normalisation.
     given : Given
         The model's values where they are not those of the four parameters.
+    sensitivities : ndarray, shape (n_sets or 1, n_errors, n_rows)
+        S of `readings.observation`.
 
     Returns
     -------
@@ -128,7 +137,7 @@ def correlated_log_likelihood(
     result = np.empty(n_sets)
     found = buffers(geometry.directions.shape[1], geometry.incidences.shape[0], VALUES)
     row, group_variance = scaled_rows(rows), np.empty(law.noise_column.size)
-    work = workspace(law.groups, False)
+    work = workspace(law.groups, False, sensitivities.shape[1])
     dhr, dhr_work = np.empty(rows.dhr.size), np.empty(rows.dhr.size)
     ws = quadrature_workspace()
     for j in range(n_sets):
@@ -139,22 +148,26 @@ def correlated_log_likelihood(
         fill_group_variance(law, x, group_variance)
         if law.varied:
             set_variances(law.groups, work, row.extra)
-        result[j] = total + group_log_likelihood(
+        if j < sensitivities.shape[0]:
+            set_errors(law.groups, work, sensitivities[j])
+        total += group_log_likelihood(
             law.groups, work, row.residual, group_variance, rows.u_cal2, x[law.tau_column],
             x[law.ell_column],
         )  # fmt: skip
+        result[j] = total + marginalise(work.v, work.g)
     return result
 
 
 @compiled(nogil=True)
 def correlated_gradient(
-    geometry: Geometry, rows: Rows, law: Discrepancy, parameters: Array, digits: float
-) -> tuple[Array, Array]:
-    """Log-likelihood and its derivatives by all parameters, from one pass.
+    geometry: Geometry, rows: Rows, law: Discrepancy, parameters: Array, digits: float,
+    sensitivities: Array,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Log-likelihood and its derivatives by all parameters, the sensitivities held.
 
     Parameters
     ----------
-    geometry, rows, law, parameters, digits
+    geometry, rows, law, parameters, digits, sensitivities
         As for `correlated_log_likelihood`.
 
     Returns
@@ -166,7 +179,7 @@ def correlated_gradient(
     slopes = np.zeros(parameters.shape)
     found = buffers(geometry.directions.shape[1], geometry.incidences.shape[0], SLOPES)
     row, group_variance = scaled_rows(rows), np.empty(law.noise_column.size)
-    work = workspace(law.groups, True)
+    work = workspace(law.groups, True, sensitivities.shape[1])
     by_row = np.empty((4, rows.y.size))
     dhr, dhr_work = np.empty(rows.dhr.size), np.empty(rows.dhr.size)
     ws = quadrature_workspace()
@@ -181,6 +194,7 @@ def correlated_gradient(
         fill_group_variance(law, x, group_variance)
         if law.varied:
             set_variances(law.groups, work, row.extra)
+        set_errors(law.groups, work, sensitivities[min(j, sensitivities.shape[0] - 1)])
         value, by_tau, by_ell = group_gradient(
             law.groups, work, row.residual, group_variance, rows.u_cal2, x[law.tau_column],
             x[law.ell_column], by_row,

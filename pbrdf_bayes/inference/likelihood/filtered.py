@@ -33,6 +33,7 @@ from pbrdf_bayes.inference.likelihood.groups import (
     Groups,
     Work,
     prepare_groups,
+    set_errors,
     set_variances,
     workspace,
 )
@@ -46,6 +47,7 @@ from pbrdf_bayes.inference.likelihood.scaled_rows import (
     scaled_rows,
 )
 from pbrdf_bayes.inference.likelihood.sweeps import Sweep, make_tape, prepare_sweep
+from pbrdf_bayes.inference.likelihood.systematic import marginalise
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.physics.brdf import buffers, fill_dhr, log_brdf
 from pbrdf_bayes.physics.compiled import compiled
@@ -80,6 +82,7 @@ def prepare_filtered(
     config: RunConfig,
     discrepancy: Discrepancy | None,
     *,
+    errors: bool = False,
     everything: bool = False,
 ) -> Filtered | None:
     """Choose the groups that need the filter.
@@ -91,6 +94,8 @@ def prepare_filtered(
     config : RunConfig
     discrepancy : Discrepancy or None
         None where the rows are independent.
+    errors : bool
+        There are systematic errors: censored readings of independent rows are filtered too.
     everything : bool
         Filter all groups.
 
@@ -100,7 +105,8 @@ def prepare_filtered(
         None where no group needs it: censored readings of independent rows have their own exact
         likelihood.
     """
-    hidden = rows.censored if discrepancy is not None else np.zeros(rows.y.size, dtype=bool)
+    exact = discrepancy is None and not errors
+    hidden = np.zeros(rows.y.size, dtype=bool) if exact else rows.censored
     heavy = config.tails == "student-t"
     if not rows.y.size or not (everything or heavy or hidden.any()):
         return None
@@ -159,7 +165,7 @@ def _gather_exact(
 @compiled(nogil=True)
 def filtered_log_likelihood(
     geometry: Geometry, rows: Rows, filtered: Filtered, parameters: Array, digits: float,
-    given: Given,
+    given: Given, sensitivities: Array,
 ) -> Array:  # fmt: skip
     """Log-likelihood of every parameter set.
 
@@ -174,6 +180,8 @@ def filtered_log_likelihood(
         Correct decimal digits of the normalisation.
     given : Given
         The model's values where they are not those of the four parameters.
+    sensitivities : ndarray, shape (n_sets or 1, n_errors, n_rows)
+        S of `readings.observation`.
 
     Returns
     -------
@@ -183,8 +191,9 @@ def filtered_log_likelihood(
     result = np.empty(n_sets)
     found = buffers(geometry.directions.shape[1], geometry.incidences.shape[0], VALUES)
     row = scaled_rows(rows)
-    variance, tape = np.empty(rows.y.size), make_tape(filtered.sweep, False)
-    work, gathered = workspace(filtered.exact, False), np.empty((2, filtered.exact_row.size))
+    m = sensitivities.shape[1]
+    variance, tape = np.empty(rows.y.size), make_tape(filtered.sweep, False, m)
+    work, gathered = workspace(filtered.exact, False, m), np.empty((2, filtered.exact_row.size))
     group_variance = np.empty(filtered.exact_noise_column.size)
     dhr, dhr_work = np.empty(rows.dhr.size), np.empty(rows.dhr.size)
     ws = quadrature_workspace()
@@ -195,6 +204,10 @@ def filtered_log_likelihood(
         total, _ = dhr_readings(rows, dhr, x[rows.dhr_noise_column], dhr_work)
         total += compare_rows(geometry, rows, found, x, row)
         _fill_variance(rows, row, x, variance)
+        if m > 0 and j < sensitivities.shape[0]:
+            tape.sensitivities[:] = sensitivities[j, :, : tape.sensitivities.shape[1]]
+            if group_variance.size:
+                set_errors(filtered.exact, work, sensitivities[j][:, filtered.exact_row])
         total += sweep_log_likelihood(
             filtered.sweep, tape, row.residual, variance, rows.censored, rows.u_cal2, tau, ell
         )
@@ -203,7 +216,9 @@ def filtered_log_likelihood(
             total += group_log_likelihood(
                 filtered.exact, work, gathered[0], group_variance, rows.u_cal2, tau, ell
             )
-        result[j] = total
+            tape.v[:] += work.v
+            tape.g[:] += work.g
+        result[j] = total + marginalise(tape.v, tape.g)
     return result
 
 

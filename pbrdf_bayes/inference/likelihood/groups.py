@@ -55,9 +55,17 @@ class Groups(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Arrays of an evaluation, allocated once for many; see `workspace`."""
+    """Arrays of an evaluation, allocated once for many; see `workspace`.
+
+    ``sensitivities`` are those of `set_errors`, ``v`` and ``g`` what the likelihood finds of them;
+    they follow the indicators of the scans in ``sequences``, ``products``, ``means`` and ``rho``.
+    """
 
     readings: Array
+    sensitivities: Array
+    v: Array
+    g: Array
+    error_gain: Array
     points: Array
     varied: Flags
     """Per block: readings have variances of their own."""
@@ -172,29 +180,33 @@ def _repeats(transition: Index, present: Flags, start: Index) -> Flags:
 
 
 @compiled()
-def workspace(groups: Groups, slopes: bool) -> Work:
+def workspace(groups: Groups, slopes: bool, n_errors: int = 0) -> Work:
     """Arrays for `group_log_likelihood`, or with ``slopes`` for `group_gradient` as well."""
     longest = 0
     for block in range(groups.lanes.size):
         longest = max(longest, groups.start[block + 1] - groups.start[block])
     kept = longest if slopes else 1
-    n = groups.n_scans
+    n, m = groups.n_scans, n_errors
     return Work(
-        readings=np.zeros(groups.row.shape),
-        points=groups.template.copy(),
-        varied=np.zeros(groups.lanes.size, dtype=np.bool_),
-        steps=np.empty((6 if slopes else 3, groups.spacing.size)),
+        np.zeros(groups.row.shape),
+        np.zeros((groups.row.shape[0], m * LANES)),
+        np.zeros(m),
+        np.zeros((m, m)),
+        np.empty((m, n, LANES)),
+        groups.template.copy(),
+        np.zeros(groups.lanes.size, dtype=np.bool_),
+        np.empty((6 if slopes else 3, groups.spacing.size)),
         moves=np.empty((groups.step.shape[0], matern.N_TRANSITION)),
         state=np.empty(matern.N_FILTER),
-        sequences=np.empty((n - 1, matern.N_SEQUENCE)),
-        products=np.empty((n, n, LANES)),
+        sequences=np.empty((n - 1 + m, matern.N_SEQUENCE)),
+        products=np.empty((n + m, n + m, LANES)),
         gain=np.empty((n, LANES)),
         root=np.empty((n, n, LANES)),
         precision=np.empty((n, n)),
         covariances=np.empty((kept, matern.N_COVARIANCE)),
-        means=np.empty((n + 1, kept, matern.N_MEAN)),
+        means=np.empty((n + 1 + m, kept, matern.N_MEAN)),
         smoother=np.empty(matern.N_SMOOTHER),
-        rho=np.empty((n + 1, matern.N_SMOOTHED)),
+        rho=np.empty((n + 1 + m, matern.N_SMOOTHED)),
     )
 
 
@@ -214,3 +226,12 @@ def set_variances(groups: Groups, work: Work, extra: Array) -> None:
                 row = groups.row[k, lane]
                 if row >= 0 and extra[row] != 0.0:
                     work.varied[block] = True
+
+
+@compiled()
+def set_errors(groups: Groups, work: Work, s: Array) -> None:
+    """Sensitivities of rows to systematic errors, shape (n_errors, n_rows); zero if never set."""
+    for j in range(s.shape[0]):
+        for i in range(s.shape[1]):
+            k, lane = divmod(groups.slot[i], LANES)
+            work.sensitivities[k, LANES * j + lane] = s[j, i]

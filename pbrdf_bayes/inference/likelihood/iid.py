@@ -19,12 +19,19 @@ from pbrdf_bayes.inference.likelihood.dhr import add_dhr_slopes, dhr_readings
 from pbrdf_bayes.inference.likelihood.independent import independent_scan
 from pbrdf_bayes.inference.likelihood.rows import Rows
 from pbrdf_bayes.inference.likelihood.scaled_rows import (
+    ScaledRows,
     add_scaled_scan,
     add_to_parameters,
     compare_scan,
     scaled_rows,
 )
-from pbrdf_bayes.physics.brdf import add_scan_slopes, at_rows, buffers, fill_dhr, log_brdf
+from pbrdf_bayes.inference.likelihood.systematic import (
+    add_independent_scan,
+    independent_slopes,
+    marginalise,
+    rotate,
+)
+from pbrdf_bayes.physics.brdf import Buffers, add_scan_slopes, at_rows, buffers, fill_dhr, log_brdf
 from pbrdf_bayes.physics.compiled import compiled
 from pbrdf_bayes.physics.fresnel import surface
 from pbrdf_bayes.physics.geometry import Geometry
@@ -74,10 +81,39 @@ def _plain_scan(
     return value, gain, slope
 
 
+@compiled()
+def _error_arrays(rows: Rows, sensitivities: Array) -> tuple[Array, Array, Array]:
+    """Scratch of the rows, v and G."""
+    m = sensitivities.shape[1]
+    return np.empty((2 + m, rows.y.size)), np.empty(m), np.empty((m, m))
+
+
+@compiled()
+def _errors(
+    geometry: Geometry, rows: Rows, found: Buffers, x: Array, s: Array, row: ScaledRows,
+    work: Array, v: Array, g: Array,
+) -> float:  # fmt: skip
+    """What systematic errors add to the log-likelihood; `marginalise` leaves ``v`` and ``g``.
+
+    The precisions of the rows over h are left in the first row of ``work``.
+    """
+    v[:] = 0.0
+    g[:] = 0.0
+    for scan in range(rows.noise_column.size):
+        a, b = rows.scan_start[scan], rows.scan_start[scan + 1]
+        compare_scan(geometry, rows, found, x, scan, row)
+        precision, s2 = work[0, a:b], x[rows.noise_column[scan]] ** 2
+        for i in range(b - a):
+            precision[i] = 1.0 / (s2 + row.extra[a + i])
+        add_independent_scan(row.residual[a:b], precision, rows.u_cal2, s, a, work[1:], v, g)
+    return marginalise(v, g)
+
+
 @compiled(nogil=True)
 def iid_log_likelihood(
-    geometry: Geometry, rows: Rows, parameters: Array, digits: float, given: Given
-) -> Array:
+    geometry: Geometry, rows: Rows, parameters: Array, digits: float, given: Given,
+    sensitivities: Array,
+) -> Array:  # fmt: skip
     """Log-likelihood of every parameter set.
 
     Parameters
@@ -90,6 +126,8 @@ def iid_log_likelihood(
         Correct decimal digits of the normalisation.
     given : Given
         The model's values where they are not those of the four parameters.
+    sensitivities : ndarray, shape (n_sets or 1, n_errors, n_rows)
+        S of `readings.observation`; none beside censored rows.
 
     Returns
     -------
@@ -98,7 +136,7 @@ def iid_log_likelihood(
     n_sets = parameters.shape[0]
     result = np.empty(n_sets)
     found = buffers(geometry.directions.shape[1], geometry.incidences.shape[0], VALUES)
-    row, work = scaled_rows(rows), np.empty((2, rows.y.size))
+    row, work, v, g = scaled_rows(rows), *_error_arrays(rows, sensitivities)
     dhr = np.empty(rows.dhr.size)
     dhr_work = np.empty(rows.dhr.size)
     ws = workspace()
@@ -117,22 +155,25 @@ def iid_log_likelihood(
                 value = compare_scan(geometry, rows, found, x, scan, row)
                 value += independent_scan(
                     row.residual[a:b], row.extra[a:b], rows.censored[a:b], s_rel * s_rel,
-                    rows.u_cal2, False, work[:, a:b], work[0], work[0],
+                    rows.u_cal2, False, work, work[0], work[0],
                 )  # fmt: skip
             total += value
+        s = sensitivities[min(j, sensitivities.shape[0] - 1)]
+        if v.size > 0:
+            total += _errors(geometry, rows, found, x, s, row, work, v, g)
         result[j] = total
     return result
 
 
 @compiled(nogil=True)
 def iid_gradient(
-    geometry: Geometry, rows: Rows, parameters: Array, digits: float
+    geometry: Geometry, rows: Rows, parameters: Array, digits: float, sensitivities: Array
 ) -> tuple[Array, Array]:
-    """Log-likelihood and its derivatives by all parameters, from one pass.
+    """Log-likelihood and its derivatives by all parameters, the sensitivities held.
 
     Parameters
     ----------
-    geometry, rows, parameters, digits
+    geometry, rows, parameters, digits, sensitivities
         As for `iid_log_likelihood`.
 
     Returns
@@ -143,7 +184,8 @@ def iid_gradient(
     result = np.empty(n_sets)
     slopes = np.zeros(parameters.shape)
     found = buffers(geometry.directions.shape[1], geometry.incidences.shape[0], SLOPES)
-    row, work, by_row = scaled_rows(rows), np.empty((2, rows.y.size)), np.empty((2, rows.y.size))
+    row, by_row, precision = scaled_rows(rows), np.empty((2, rows.y.size)), np.empty(rows.y.size)
+    work, v, g = _error_arrays(rows, sensitivities)
     dhr, dhr_work = np.empty(rows.dhr.size), np.empty(rows.dhr.size)
     sums = np.empty(3)
     ws = workspace()
@@ -156,10 +198,15 @@ def iid_gradient(
         total = add_dhr_slopes(geometry, rows, surf, x, dhr, dhr_work, out)
         sums[:] = 0.0
         weight = 0.0
+        t = sensitivities[min(j, sensitivities.shape[0] - 1)].copy()
+        if v.size > 0:
+            total += _errors(geometry, rows, found, x, t, row, work, v, g)
+            precision[:] = work[0]
+            rotate(t, g)
         for scan in range(rows.noise_column.size):
             a, b = rows.scan_start[scan], rows.scan_start[scan + 1]
             s_rel = x[rows.noise_column[scan]]
-            if rows.plain[scan]:
+            if rows.plain[scan] and v.size == 0:
                 values = found.log_f[geometry.row_polarization[a]]
                 log_f = at_rows(geometry, values, a, row.log_f[a:b])
                 s1, s2 = _moments(rows.y[a:b], log_f)
@@ -171,8 +218,13 @@ def iid_gradient(
                 value = compare_scan(geometry, rows, found, x, scan, row)
                 value += independent_scan(
                     row.residual[a:b], row.extra[a:b], rows.censored[a:b], s_rel * s_rel,
-                    rows.u_cal2, True, work[:, a:b], by_row[0, a:b], by_row[1, a:b],
+                    rows.u_cal2, True, work, by_row[0, a:b], by_row[1, a:b],
                 )  # fmt: skip
+                if v.size > 0:
+                    independent_slopes(
+                        row.residual[a:b], precision[a:b], rows.u_cal2, t, a, v, work,
+                        by_row[0, a:b], by_row[1, a:b],
+                    )  # fmt: skip
                 weight += add_scaled_scan(geometry, rows, found, x, scan, row, by_row, sums, out)
             total += value
         add_to_parameters(sums, weight, surf, out)

@@ -131,13 +131,15 @@ def independent_scan(
     slopes : bool
         Fill ``by_mean`` and ``by_variance``, of shape (n_rows,), with the slopes by mean and
         variance of each row.
-    work : ndarray, shape (2, n_rows)
+    work : ndarray, shape (2, >= n_rows)
+        Scratch; the precisions of rows that are not censored, 0 of others, are left in the second.
 
     Returns
     -------
     float
     """
-    precision, seen = work[0], work[1]
+    n = residual.size
+    precision, seen = work[0, :n], work[1, :n]
     n_censored = 0
     for i in range(residual.size):
         precision[i] = 1.0 / (s2 + extra[i])
@@ -173,6 +175,6 @@ def independent_scan(
         _observed_slopes(
             residual, seen, gain, shrunk, by_gain, spread, censored, by_mean, by_variance
         )
-    n_seen = residual.size - n_censored
-    value -= 0.5 * (n_seen * _LN_2PI - _sum_of_logs(seen, work[0]))
+    n_seen = n - n_censored
+    value -= 0.5 * (n_seen * _LN_2PI - _sum_of_logs(seen, precision))
     return value

@@ -16,6 +16,9 @@ are exact for any u_cal, and all of it comes from one Kalman filter of r and of 
 `inference.likelihood.matern`. The cost is linear in the number of rows. Slopes follow from
 
     alpha = K^-1 r,   d ln L / d mean_a = alpha_a,   d ln L / d v_a = (alpha_a^2 - (K^-1)_aa) / 2.
+
+Sensitivities to systematic errors go through the filter like the indicators, but are shared by all
+groups: see `inference.likelihood.systematic`.
 """
 
 from __future__ import annotations
@@ -28,6 +31,7 @@ from numpy.typing import NDArray
 from pbrdf_bayes.inference.likelihood import matern
 from pbrdf_bayes.inference.likelihood.groups import Groups, Work
 from pbrdf_bayes.inference.likelihood.matern import LANES, MISSING
+from pbrdf_bayes.inference.likelihood.systematic import marginalise, rotate
 from pbrdf_bayes.physics.compiled import compiled
 
 Array = NDArray[np.float64]
@@ -121,6 +125,7 @@ def _filter_block(groups: Groups, block: int, work: Work, tau2: float, keep: boo
     """Filter residuals and indicators of a block; the logarithm of the determinants taken out."""
     state, sequences, lanes = work.state, work.sequences, groups.lanes[block]
     start, uniform = groups.start[block], not work.varied[block]
+    others = work.gain.shape[0] - 1
     settled = False
     log_det = 0.0
     for k in range(start, groups.start[block + 1]):
@@ -134,9 +139,12 @@ def _filter_block(groups: Groups, block: int, work: Work, tau2: float, keep: boo
             move = work.moves[groups.transition[k]]
             moving = matern.filter_point(state, reading, point, move, lanes, tau2)
             settled = uniform and moving == 0
-        for j in range(sequences.shape[0]):
+        for j in range(others):
             indicator = point[matern.ONES + LANES * (1 + j) :]
             matern.filter_sequence(sequences[j], state, indicator, lanes)
+        for j in range(others, sequences.shape[0]):
+            sensitivity = work.sensitivities[k, LANES * (j - others) :]
+            matern.filter_sequence(sequences[j], state, sensitivity, lanes)
         if sequences.shape[0] > 0:
             _add_products(state, sequences, work.products, lanes)
         if keep:
@@ -213,13 +221,39 @@ def _marginalise_gains(work: Work, lane: int, u_cal2: float) -> tuple[float, flo
 
 
 @compiled()
+def _add_errors(work: Work, lane: int) -> None:
+    """Add a group's part of v and G, its gains marginalised; minus their means go to error_gain."""
+    n, v, g, whitened = work.gain.shape[0], work.v, work.g, work.error_gain
+    for m in range(v.size):
+        products, sequence = work.products[:, n + m], work.sequences[n - 1 + m]
+        v[m] += sequence[matern.CROSS + lane]
+        for i in range(n):
+            v[m] += work.gain[i, lane] * products[i, lane]
+        for j in range(n):
+            total = 0.0
+            for i in range(j + 1):
+                total += work.root[i, j, lane] * products[i, lane]
+            whitened[m, j, lane] = total
+        for h in range(m + 1):
+            g[m, h] += sequence[matern.SQUARE + lane] if h == m else products[n + h, lane]
+            for j in range(n):
+                g[m, h] -= whitened[m, j, lane] * whitened[h, j, lane]
+    for m in range(v.size):
+        for i in range(n):
+            total = 0.0
+            for j in range(i, n):
+                total -= work.root[i, j, lane] * whitened[m, j, lane]
+            whitened[m, i, lane] = total
+
+
+@compiled()
 def _block_value(
     groups: Groups, block: int, work: Work, group_variance: Array, u_cal2: float, tau2: float,
     keep: bool,
 ) -> float:  # fmt: skip
     """Log-likelihood of the groups of a block, its readings in place."""
     _begin(groups, block, work, group_variance, tau2)
-    if keep or groups.n_scans > 1:
+    if keep or work.sequences.shape[0] > 0:
         total = _filter_block(groups, block, work, tau2, keep)
     else:
         total = _filter_lone_scans(
@@ -233,6 +267,7 @@ def _block_value(
             n = groups.size[group]
             total += n * (_LN_2PI - log(work.state[matern.SCALE + lane])) + log_det
             total += work.state[matern.RR + lane] - gained
+            _add_errors(work, lane)
     return -0.5 * total
 
 
@@ -270,8 +305,11 @@ def group_log_likelihood(
     Returns
     -------
     float
+        Without the errors of `set_errors`; ``work`` then holds their v and G.
     """
     _fill(groups, work, residual, tau, ell)
+    work.v[:] = 0.0
+    work.g[:] = 0.0
     total = 0.0
     for block in range(groups.lanes.size):
         total += _block_value(groups, block, work, group_variance, u_cal2, tau * tau, False)
@@ -297,11 +335,14 @@ def _multiply(mean: Array, factor: Array) -> None:
 
 
 @compiled(reassociate=True)
-def _mix(means: Array, gain: Array, root: Array, n_points: int) -> None:
-    """Take the gains out of the filtered residuals; rotate the indicators to unit variance."""
+def _mix(means: Array, gain: Array, error_gain: Array, root: Array, n_points: int) -> None:
+    """Take the gains out of residuals and sensitivities; rotate the indicators to unit variance."""
+    n = gain.shape[0]
     for t in range(n_points):
-        for j in range(gain.shape[0] - 1, -1, -1):
+        for j in range(n - 1, -1, -1):
             _add_multiple(means[0, t], gain[j], means[1 + j, t])
+            for m in range(error_gain.shape[0]):
+                _add_multiple(means[1 + n + m, t], error_gain[m, j], means[1 + j, t])
             _multiply(means[1 + j, t], root[j, j])
             for h in range(j):
                 _add_multiple(means[1 + j, t], root[h, j], means[1 + h, t])
@@ -345,18 +386,29 @@ def _smooth_block(groups: Groups, block: int, work: Work, tau2: float, out: Arra
 
 
 @compiled()
+def _take_errors_out(work: Work) -> None:
+    """Readings less what the errors are expected to do; sensitivities rotated to T."""
+    for k in range(work.readings.shape[0]):
+        s = work.sensitivities[k].reshape(work.v.size, LANES)
+        rotate(s, work.g)
+        for j in range(work.v.size):
+            for lane in range(LANES):
+                work.readings[k, lane] -= work.v[j] * s[j, lane]
+
+
+@compiled()
 def group_gradient(
     groups: Groups, work: Work, residual: Array, group_variance: Array, u_cal2: float, tau: float,
     ell: float, out: Array,
 ) -> tuple[float, float, float]:  # fmt: skip
-    """Log-likelihood of the rows of all groups and its slopes by tau and ell.
+    """Log-likelihood of the rows of all groups, with errors, and its slopes by tau and ell.
 
     Parameters
     ----------
     groups, residual, group_variance, u_cal2, tau, ell
         As for `group_log_likelihood`.
     work : Work
-        From `workspace` with slopes.
+        From `workspace` with slopes; any errors are set anew before each call.
     out : ndarray, shape (4, n_rows)
         Receives the slopes by the mean and by the variance of every row, and the posterior mean
         and variance of the discrepancy there.
@@ -365,16 +417,27 @@ def group_gradient(
     -------
     tuple of float
     """
+    tau2 = tau * tau
     _fill(groups, work, residual, tau, ell)
+    beside = 0.0
+    if work.v.size > 0:
+        work.v[:] = 0.0
+        work.g[:] = 0.0
+        for block in range(groups.lanes.size):
+            beside += _block_value(groups, block, work, group_variance, u_cal2, tau2, False)
+        beside += marginalise(work.v, work.g)
+        _take_errors_out(work)
     total = 0.0
     by_log_tau = 0.0
     by_ell = 0.0
     for block in range(groups.lanes.size):
-        total += _block_value(groups, block, work, group_variance, u_cal2, tau * tau, True)
-        _mix(work.means, work.gain, work.root, groups.start[block + 1] - groups.start[block])
-        _smooth_block(groups, block, work, tau * tau, out)
+        n_points = groups.start[block + 1] - groups.start[block]
+        total += _block_value(groups, block, work, group_variance, u_cal2, tau2, True)
+        _mix(work.means, work.gain, work.error_gain, work.root, n_points)
+        _smooth_block(groups, block, work, tau2, out)
         for lane in range(LANES):
             if groups.group[block, lane] >= 0:
                 by_log_tau += 2.0 * work.smoother[matern.TAU + lane]
                 by_ell += work.smoother[matern.ELL + lane]
-    return total, by_log_tau / tau if tau > 0.0 else 0.0, by_ell
+    value = beside if work.v.size > 0 else total
+    return value, by_log_tau / tau if tau > 0.0 else 0.0, by_ell

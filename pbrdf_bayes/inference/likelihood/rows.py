@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbrdf_bayes.measurement import Measurement
+from pbrdf_bayes.physics.geometry import polarization_codes
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -99,7 +100,7 @@ def prepare_rows(
         u_cal2=u_cal * u_cal,
         dhr=dhr.value,
         dhr_u2=np.where(np.isnan(dhr.u_value), -1.0, dhr.u_value**2),
-        dhr_group=np.array([("s", "p", "u").index(q) for q in dhr.polarization.tolist()], np.int64),
+        dhr_group=polarization_codes(dhr.polarization),
         dhr_noise_column=dhr_noise_column,
         dhr_cal2=u_dhr_cal * u_dhr_cal,
     )

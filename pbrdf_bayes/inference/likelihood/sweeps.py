@@ -44,8 +44,17 @@ class Sweep(NamedTuple):
 
 
 class Tape(NamedTuple):
-    """Arrays of a sweep, allocated once for many; what the adjoint sweep needs of every step."""
+    """Arrays of a sweep, allocated once for many; what the adjoint sweep needs of every step.
 
+    ``sensitivities`` (n_errors, n_rows) are those of the rows to systematic errors, zero if never
+    filled; ``v`` and ``g`` are what the log-likelihood finds of them, without slopes only.
+    """
+
+    sensitivities: Array
+    v: Array
+    g: Array
+    error_mean: Array
+    error_innovation: Array
     steps: Array
     mean: Array
     cov: Array
@@ -151,14 +160,20 @@ def _choose_start(value: Array, scan: Index, seen: Flags) -> int:
 
 
 @compiled()
-def make_tape(sweep: Sweep, slopes: bool) -> Tape:
+def make_tape(sweep: Sweep, slopes: bool, n_errors: int = 0) -> Tape:
     """Arrays for `sweep_log_likelihood`, or with ``slopes`` for `sweep_gradient` as well."""
     longest = 1
     for g in range(sweep.group.size):
         longest = max(longest, sweep.start[g + 1] - sweep.start[g])
     kept = longest if slopes else 1
     n = FIRST_GAIN + sweep.scan.shape[1]
+    n_rows = sweep.row.max() + 1 if sweep.row.size else 0
     return Tape(
+        sensitivities=np.zeros((n_errors, n_rows)),
+        v=np.zeros(n_errors),
+        g=np.zeros((n_errors, n_errors)),
+        error_mean=np.empty((n_errors, n)),
+        error_innovation=np.empty(n_errors),
         steps=np.empty((6 if slopes else 3, sweep.row.size)),
         mean=np.empty((kept + 1, n)),
         cov=np.empty((kept + 1, n, n)),

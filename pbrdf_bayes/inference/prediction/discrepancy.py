@@ -6,7 +6,7 @@ Angles where it is wanted join the rows as readings that are missing.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -42,61 +42,59 @@ class Scanned(NamedTuple):
     variance: Array
 
 
-def smooth_discrepancy(
-    data: Scanned, process: Process, *, theta_r_deg: ArrayLike, group: ArrayLike
-) -> tuple[Array, Array]:
-    """Posterior mean and standard deviation of the discrepancy, the gains integrated out.
+Smoother = Callable[[Array, Array, Process], tuple[Array, Array]]
+
+
+def smoother(
+    theta_r_deg: ArrayLike, group: ArrayLike, scan: ArrayLike, *, wanted_deg: ArrayLike,
+    wanted_group: ArrayLike, rough: bool = False,
+) -> Smoother:  # fmt: skip
+    """What rows say of the discrepancy at wanted angles, as a function of their residuals.
 
     Parameters
     ----------
-    data : Scanned
-    process : Process
-    theta_r_deg, group : array_like, shape (n,)
-        Where it is wanted; a group without readings has the prior.
+    theta_r_deg, group, scan : array_like, shape (n_rows,)
+        Angles [deg] of the rows, and which share their discrepancy and their gain.
+    wanted_deg, wanted_group : array_like, shape (n,)
+        Where it is wanted; a group without rows has the prior.
+    rough : bool
+        Matérn 1/2 instead of 3/2.
 
     Returns
     -------
-    tuple of ndarray, each of shape (n,)
-        In units of the natural logarithm.
+    callable
+        Of residuals and variances (n_rows,) and a `Process`: posterior mean and standard deviation
+        of the discrepancy, each of shape (n,), in ln BRDF, the gains integrated out.
 
     Examples
     --------
     One reading of residual 0.1, its variance that of the process, shrinks by half:
 
-    >>> one = Scanned(np.zeros(1), np.zeros(1, int), np.zeros(1, int), np.array([0.1]),
-    ...     np.array([0.0025]))
-    >>> mean, sd = smooth_discrepancy(one, Process(0.05, 20.0), theta_r_deg=[0, 500], group=[0, 0])
+    >>> smooth = smoother([0.0], [0], [0], wanted_deg=[0, 500], wanted_group=[0, 0])
+    >>> mean, sd = smooth(np.array([0.1]), np.array([0.0025]), Process(0.05, 20.0))
     >>> mean.round(6).tolist(), sd.round(6).tolist()
     ([0.05, 0.0], [0.035355, 0.05])
     """
-    return smoother(data, process, theta_r_deg=theta_r_deg, group=group)(data.residual)
-
-
-def smoother(
-    data: Scanned, process: Process, *, theta_r_deg: ArrayLike, group: ArrayLike
-) -> Callable[[Array], tuple[Array, Array]]:
-    """`smooth_discrepancy` of the same rows for many residuals, as a function of them."""
-    angle = np.asarray(theta_r_deg, dtype=np.float64)
-    number = np.asarray(group, dtype=np.int64)
-    n, wanted = data.residual.size, angle.size
-    scan = np.zeros(wanted, dtype=np.int64)
-    some = {int(g): int(s) for g, s in zip(data.group, data.scan, strict=True)}
-    scan[:] = [some.get(g, 0) for g in number.tolist()]
+    angle, number = np.asarray(wanted_deg, np.float64), np.asarray(wanted_group, np.int64)
+    of_group, of_scan = np.asarray(group, np.int64), np.asarray(scan, np.int64)
+    n, wanted = of_group.size, angle.size
+    some = dict(zip(of_group.tolist(), of_scan.tolist(), strict=True))
     groups = prepare_groups(
-        np.concatenate([data.theta_r_deg, angle]),
-        np.concatenate([data.group, number]),
-        np.concatenate([data.scan, scan]),
-        rough=process.rough,
+        np.concatenate([np.asarray(theta_r_deg, np.float64), angle]),
+        np.concatenate([of_group, number]),
+        np.concatenate([of_scan, np.array([some.get(g, 0) for g in number.tolist()], np.int64)]),
+        rough=rough,
     )
     work = workspace(groups, True)
-    set_variances(groups, work, np.concatenate([data.variance, np.full(wanted, MISSING)]))
-    base = np.zeros(groups.size.size)
+    base, missing, nothing = np.zeros(groups.size.size), np.full(wanted, MISSING), np.zeros(wanted)
 
-    def smooth(residual: Array) -> tuple[Array, Array]:
+    def smooth(residual: Array, variance: Array, process: Process) -> tuple[Array, Array]:
         out = np.empty((4, n + wanted))
-        padded = np.concatenate([residual, np.zeros(wanted)])
-        u_cal2, tau, ell = process.u_cal**2, process.tau, process.ell
-        group_gradient(groups, work, padded, base, u_cal2, tau, ell, out)
+        set_variances(groups, work, np.concatenate([variance, missing]))
+        group_gradient(
+            groups, work, np.concatenate([residual, nothing]), base, process.u_cal**2,
+            process.tau, process.ell, out,
+        )  # fmt: skip
         return out[2, n:], np.sqrt(np.maximum(out[3, n:], 0.0))
 
     return smooth
@@ -119,36 +117,49 @@ def draw_prior_discrepancy(
     return path
 
 
-def draw_discrepancy(
-    data: Scanned,
-    process: Process,
-    rng: np.random.Generator,
-    *,
-    theta_r_deg: ArrayLike,
-    group: ArrayLike,
-) -> Array:
-    """One draw of the discrepancy given the residuals, shape (n,).
+def draw_paths_given(
+    processes: Sequence[Process], rngs: Iterable[np.random.Generator], *, read_deg: Array,
+    scan: Index, residual: Array, variance: Array, wanted_deg: Array,
+) -> Array:  # fmt: skip
+    """Draws of the discrepancy of one group of scans, given their residuals.
 
-    A prior draw plus what its own simulated readings leave to explain (Matheron's rule: Journel and
-    Huijbregts, Mining Geostatistics, 1978): exact, in linear time.
+    Parameters
+    ----------
+    processes : sequence of Process, length n_draws
+        All of one roughness.
+    rngs : iterable of numpy.random.Generator
+        One for each draw; the same one again and again will do.
+    read_deg : ndarray, shape (n_rows,)
+        Scattering angles of the readings [deg].
+    scan : ndarray of int, shape (n_rows,)
+        Scan of each reading: its gain is integrated out.
+    residual, variance : ndarray, shape (n_draws, n_rows)
+        ln reading - ln model, and its white variance.
+    wanted_deg : ndarray, shape (n,)
+        Where the paths are wanted [deg].
+
+    Returns
+    -------
+    ndarray, shape (n_draws, n)
+        In ln BRDF. Matheron's rule: a path of the process plus what its own simulated readings
+        leave to explain of the residuals (Journel and Huijbregts, Mining Geostatistics, 1978).
     """
-    angle = np.asarray(theta_r_deg, dtype=np.float64)
-    number = np.asarray(group, dtype=np.int64)
-    n = data.residual.size
-    path = draw_prior_discrepancy(
-        process,
-        rng,
-        theta_r_deg=np.concatenate([data.theta_r_deg, angle]),
-        group=np.concatenate([data.group, number]),
-    )
-    pairs = np.stack([data.group, data.scan], axis=1)
-    scans, which = np.unique(pairs, axis=0, return_inverse=True)
-    gain = process.u_cal * rng.standard_normal(len(scans))
-    noise = np.sqrt(data.variance) * rng.standard_normal(n)
-    simulated = path[:n] + gain[which.ravel()] + noise
-    left = data._replace(residual=data.residual - simulated)
-    mean, _ = smooth_discrepancy(left, process, theta_r_deg=angle, group=number)
-    return np.asarray(path[n:] + mean)
+    n_read = read_deg.size
+    angle = np.concatenate([read_deg, wanted_deg])
+    zeros = np.zeros(angle.size, dtype=np.int64)
+    _, number = np.unique(scan, return_inverse=True)
+    smooth = smoother(
+        read_deg, zeros[:n_read], number, wanted_deg=wanted_deg, wanted_group=zeros[n_read:],
+        rough=processes[0].rough,
+    )  # fmt: skip
+    paths = np.empty((len(processes), wanted_deg.size))
+    for i, (process, rng) in enumerate(zip(processes, rngs, strict=False)):
+        path = draw_prior_discrepancy(process, rng, theta_r_deg=angle, group=zeros)
+        gain = process.u_cal * rng.standard_normal(int(number.max()) + 1)
+        noise = np.sqrt(variance[i]) * rng.standard_normal(n_read)
+        left = residual[i] - path[:n_read] - gain[number] - noise
+        paths[i] = path[n_read:] + smooth(left, variance[i], process)[0]
+    return paths
 
 
 @compiled()

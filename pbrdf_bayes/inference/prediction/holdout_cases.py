@@ -27,6 +27,7 @@ from pbrdf_bayes.inference.prediction.holdout import (
 )
 from pbrdf_bayes.inference.sampling.sampling import sample_posterior
 from pbrdf_bayes.measurement import Measurement, select_scans
+from pbrdf_bayes.quantities import S_AND_P
 from pbrdf_bayes.words import say
 
 Array = NDArray[np.float64]
@@ -76,7 +77,7 @@ def list_cases(measurement: Measurement) -> tuple[Case, ...]:
                 Case("angle", f"{angle:g} deg", f"{with_dhr}the other angles", ~out, out, every)
             )
     if {"s", "p"} <= set(q.tolist()):
-        for fitted, predicted in (("s", "p"), ("p", "s")):
+        for fitted, predicted in (S_AND_P, S_AND_P[::-1]):
             own = measurement.dhr.polarization == fitted
             words = f"{fitted} scans" + (f" and DHR of {fitted}" if own.any() else "")
             cases.append(

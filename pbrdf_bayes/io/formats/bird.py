@@ -20,6 +20,7 @@ from pbrdf_bayes.io.formats.conventions import (
     to_brdf,
     with_dhr,
 )
+from pbrdf_bayes.quantities import POLARIZATIONS
 
 NAME = "bird"
 _DEGREES = {"deg": 1.0, "\u00b0": 1.0, "degree": 1.0, "degrees": 1.0, "rad": 180.0 / np.pi,
@@ -198,7 +199,7 @@ def _states(content: Content, data: Mapping[str, Any], name: str, n: int) -> NDA
 
 def _state(content: Content, state: object, name: str) -> str:
     """s, p or u of a word or of a Stokes vector."""
-    if isinstance(state, str) and state.lower() in ("s", "p", "u"):
+    if isinstance(state, str) and state.lower() in POLARIZATIONS:
         return state.lower()
     numbers = state if isinstance(state, list) and len(state) == 4 else []
     if numbers and all(isinstance(x, int | float) for x in numbers) and numbers[0] > 0:

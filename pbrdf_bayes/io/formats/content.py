@@ -16,10 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 from pbrdf_bayes.errors import DataError
 from pbrdf_bayes.io.problems import printable, show_cell
 
-MOST_BYTES = 64 * 2**20
+MOST_BYTES = 32 * 2**20
 """Largest file of a foreign format that is read."""
 MOST_READINGS = 1_000_000
-MOST_LINES = 3_000_000
+MOST_LINES = 1_000_000
+MOST_LINE, MOST_WORDS = 2**20, 2_000_000
 _BOMS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe", "utf-16-le"), (b"\xfe\xff", "utf-16-be"))
 
 
@@ -101,7 +102,11 @@ class Content:
         """Lines of the text without blanks at their ends."""
         if self.text.count("\n") > MOST_LINES:
             self.refuse(f"more than {MOST_LINES} lines (allowed: up to that)")
-        return [line.rstrip() for line in self.text.split("\n")]
+        lines = [line.rstrip() for line in self.text.split("\n")]
+        at = max(range(len(lines)), key=lambda i: len(lines[i]))
+        if (n := len(lines[at])) > MOST_LINE:
+            self.refuse(f"line {at + 1}: {n} bytes long (allowed: up to {MOST_LINE})")
+        return lines
 
     @cached_property
     def head(self) -> str:
@@ -114,7 +119,8 @@ class Content:
 
     def refuse(self, reason: str) -> NoReturn:
         """Raise that the file is wrong."""
-        msg = f"{printable(self.path)}: {reason}. Nothing was read."
+        end = "" if reason.endswith(("?", ".")) else "."
+        msg = f"{printable(self.path)}: {reason}{end} Nothing was read."
         raise DataError(msg)
 
     def ask(self, what: str, option: str) -> NoReturn:
@@ -213,6 +219,16 @@ def named_wavelength_um(text: str) -> float | None:
     if not match or (value := float(match[1].replace(",", "."))) <= 0:
         return None
     return value / 1000.0 if match[2].lower() == "nm" else value
+
+
+def numbered_words(content: Content) -> list[tuple[int, str]]:
+    """Words with the lines they stand on, without comments after ``#``."""
+    found: list[tuple[int, str]] = []
+    for number, line in enumerate(content.lines, start=1):
+        found += [(number, word) for word in line.partition("#")[0].split()]
+        if len(found) > MOST_WORDS:
+            content.refuse(f"more than {MOST_WORDS} words (allowed: up to that)")
+    return found
 
 
 def keyed_lines(lines: Sequence[str]) -> Iterator[tuple[int, str, str]]:

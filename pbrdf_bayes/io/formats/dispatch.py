@@ -31,6 +31,7 @@ from pbrdf_bayes.io.formats import (
 )
 from pbrdf_bayes.io.formats.content import (
     MOST_BYTES,
+    MOST_LINES,
     Content,
     Decided,
     Imported,
@@ -38,6 +39,7 @@ from pbrdf_bayes.io.formats.content import (
 )
 from pbrdf_bayes.io.tidy_columns import COLUMNS, REQUIRED
 from pbrdf_bayes.io.tidy_writer import tidy_text
+from pbrdf_bayes.quantities import POLARIZATIONS
 
 READERS: tuple[ModuleType, ...] = (
     bird, astm, zemax, lighttools, fred, rt300s, perkinelmer, ecostress, cary, table, spectrum,
@@ -52,7 +54,7 @@ _NOT_READ = (
     (b"#DIM ", "ALTA", _TEXT_INSTEAD),
 )
 _CHOICES = {
-    "format": FORMATS, "polarization": ("s", "p", "u"), "forward": ("phi0", "phi180"),
+    "format": FORMATS, "polarization": POLARIZATIONS, "forward": ("phi0", "phi180"),
     "value": ("brdf", "brf", "brdf_cos"), "unit": ("fraction", "percent"),
 }  # fmt: skip
 
@@ -91,7 +93,7 @@ def convert(path: str | Path, data: bytes) -> Foreign | None:
     DataError
         A reader knows the file, and something is wrong or undecided.
     """
-    if is_tidy(data) or len(data) > MOST_BYTES:
+    if is_tidy(data) or len(data) > MOST_BYTES or data.count(b"\n") > MOST_LINES:
         return None
     content = Content(str(path), data)
     reader = _reader_of(content)

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from pbrdf_bayes.io.formats.content import Content, Imported
+from pbrdf_bayes.io.formats.content import Content, Imported, numbered_words
 from pbrdf_bayes.io.formats.conventions import (
     SAME_BAND,
     brdf_readings,
@@ -35,11 +35,7 @@ def read(content: Content) -> Imported:
     ------
     DataError
     """
-    words = [
-        (number, word)
-        for number, line in enumerate(content.lines, start=1)
-        for word in line.partition("#")[0].split()
-    ]
+    words = numbered_words(content)
     lists: dict[str, np.ndarray] = {}
     at = 0
     while at < len(words) and words[at][1].lower() != "databegin":

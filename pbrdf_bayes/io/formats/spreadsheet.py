@@ -13,7 +13,7 @@ from pbrdf_bayes.errors import DataError
 from pbrdf_bayes.io.formats.content import Content
 
 XLSX, XLS = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"
-_MOST_ROWS, _MOST_CELLS, _MOST_UNPACKED = 200_000, 5_000_000, 256 * 2**20
+_MOST_ROWS, _MOST_CELLS, _MOST_UNPACKED = 200_000, 2_000_000, 256 * 2**20
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+(?:[eE][-+]?\d+)?")
 
 
@@ -67,10 +67,8 @@ def is_table(content: Content, test: Callable[[list[list[str]]], bool]) -> bool:
     """Tell whether the cells of a text, or those of any sheet, pass a test."""
     if is_workbook(content):
         return any(test(rows) for rows in sheets(content).values())
-    if not content.text or len(content.lines) > _MOST_ROWS:
-        return False
     try:
-        return test(_split(Content(content.path, content.data)))
+        return bool(content.text) and test(_split(Content(content.path, content.data)))
     except DataError:
         return False
 
@@ -86,6 +84,8 @@ def _split(content: Content) -> list[list[str]]:
         if counts[better] >= max(2, 0.6 * counts[separator]):
             separator = better
             break
+    if content.text.count(separator) > _MOST_CELLS:
+        content.refuse(f"more than {_MOST_CELLS} cells (allowed: up to that)")
     if not counts[separator]:
         rows = [line.split() for line in lines]
     else:

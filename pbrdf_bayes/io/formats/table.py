@@ -106,7 +106,7 @@ def _matrix(rows: Sequence[Sequence[str]]) -> int | None:
             row and to_number(row[0]) is None and angles
             and all(a is not None and -90.0 <= a <= 90.0 for a in angles[: _n_angles(row)])
             and _n_angles(row) >= 1
-            and below and _angle(below[0]) is not None
+            and below and abs(_angle(below[0]) or 0.0) <= 90.0 and _angle(below[0]) is not None
             and any(to_number(c) is not None for c in below[1:])
         ):  # fmt: skip
             return at

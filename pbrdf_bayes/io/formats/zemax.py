@@ -11,7 +11,7 @@ import re
 
 import numpy as np
 
-from pbrdf_bayes.io.formats.content import Content, Imported
+from pbrdf_bayes.io.formats.content import Content, Imported, numbered_words
 from pbrdf_bayes.io.formats.conventions import brdf_readings, directions, to_brdf, with_dhr
 
 NAME = "zemax"
@@ -33,7 +33,7 @@ def read(content: Content) -> Imported:
     ------
     DataError
     """
-    words = _words(content)
+    words = numbered_words(content)
     at, header, lists = 0, {}, {}
     while at < len(words) and words[at][1].lower() != "databegin":
         number, word = words[at]
@@ -110,15 +110,6 @@ def read(content: Content) -> Imported:
         theta_r_deg=signed, phi_r_deg=plane, value=to_brdf(content, value[keep], signed, "brdf"),
     )  # fmt: skip
     return with_dhr(content, rows, incidence, np.array(tis), polarization, wavelength)
-
-
-def _words(content: Content) -> list[tuple[int, str]]:
-    """Words with the lines they stand on, without comments."""
-    return [
-        (number, word)
-        for number, line in enumerate(content.lines, start=1)
-        for word in line.partition("#")[0].split()
-    ]
 
 
 def _count(content: Content, words: list[tuple[int, str]], at: int, name: str) -> int:

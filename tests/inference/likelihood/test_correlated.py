@@ -20,10 +20,8 @@ from pbrdf_bayes.inference.likelihood.groups import (
 from pbrdf_bayes.inference.likelihood.kalman import group_gradient, group_log_likelihood
 from pbrdf_bayes.inference.prediction.discrepancy import (
     Process,
-    Scanned,
-    draw_discrepancy,
     draw_prior_discrepancy,
-    smooth_discrepancy,
+    smoother,
 )
 from pbrdf_bayes.physics.compiled import compiled
 
@@ -399,8 +397,10 @@ def test_smoothed_discrepancy(u_cal: float, rough: bool) -> None:
     process = Process(0.05, 20.0, u_cal, rough)
     at = np.tile(np.linspace(-120.0, 120.0, 49), 20)
     at_group = np.repeat(np.arange(20), 49)
-    data = Scanned(rows.angle, rows.group, rows.scan, residual, rows.extra)
-    mean, sd = smooth_discrepancy(data, process, theta_r_deg=at, group=at_group)
+    smooth = smoother(
+        rows.angle, rows.group, rows.scan, wanted_deg=at, wanted_group=at_group, rough=rough
+    )
+    mean, sd = smooth(residual, rows.extra, process)
     wanted, spread = dense_posterior(rows, residual, process, at, at_group)
     np.testing.assert_allclose(mean, wanted, rtol=1e-8, atol=1e-9 * max(1.0, u_cal))
     np.testing.assert_allclose(sd, np.sqrt(np.diag(spread)), rtol=1e-7)
@@ -408,33 +408,20 @@ def test_smoothed_discrepancy(u_cal: float, rough: bool) -> None:
 
 @pytest.mark.parametrize("rough", [False, True])
 def test_draws_have_the_law_of_the_process(rough: bool) -> None:
-    """Means and covariances of thousands of draws, prior and conditional, in standard errors."""
+    """Means and covariances of thousands of draws in standard errors.
+
+    `test_discrepancy_paths` does the same for draws given readings.
+    """
     angle = np.array([-20.0, 0.0, 5.0, 5.0, 30.0, 5.0])
     group = np.array([0, 0, 0, 0, 0, 1])
-    zero = np.zeros(4, dtype=np.int64)
-    scans = np.array([0, 0, 1, 1])
-    rows = Case(np.array([-1.0, 5.0, 5.0, 12.0]), zero, scans, np.array([1e-4, 4e-4, 1e-4, 2e-4]))
-    residual = np.array([0.05, 0.08, 0.12, 0.02])
-    process = Process(0.05, 10.0, 0.03, rough)
-    data = Scanned(*rows[:3], residual, rows.extra)
-    rng = _seeded(11)
-    n = 8_000
-    kinds: list[tuple[Array, Array, Array]] = []
-    prior = np.array(
+    process, rng, n = Process(0.05, 10.0, 0.03, rough), _seeded(11), 8_000
+    draws = np.array(
         [draw_prior_discrepancy(process, rng, theta_r_deg=angle, group=group) for _ in range(n)]
     )
-    far = rows._replace(group=zero + 5)
-    kinds.append((prior, *dense_posterior(far, residual, process, angle, group)))
-    given = np.array(
-        [
-            draw_discrepancy(data, process, rng, theta_r_deg=angle, group=group)
-            for _ in range(n // 2)
-        ]
-    )
-    kinds.append((given, *dense_posterior(rows, residual, process, angle, group)))
-    for draws, mean, spread in kinds:
-        np.testing.assert_array_almost_equal(draws[:, 2], draws[:, 3], decimal=12)
-        variance = np.diag(spread)
-        assert np.all(np.abs(draws.mean(axis=0) - mean) < 5.0 * np.sqrt(variance / len(draws)))
-        error = np.sqrt((np.outer(variance, variance) + spread**2) / len(draws))
-        assert np.all(np.abs(np.cov(draws.T) - spread) < 5.0 * error)
+    np.testing.assert_array_almost_equal(draws[:, 2], draws[:, 3], decimal=12)
+    distance = np.abs(angle[:, None] - angle)
+    spread = (group[:, None] == group) * 0.05**2 * correlation(distance, 10.0, rough)
+    variance = np.diag(spread)
+    assert np.all(np.abs(draws.mean(axis=0)) < 5.0 * np.sqrt(variance / n))
+    error = np.sqrt((np.outer(variance, variance) + spread**2) / n)
+    assert np.all(np.abs(np.cov(draws.T) - spread) < 5.0 * error)

@@ -107,7 +107,8 @@ def test_only_the_groups_that_need_it_are_filtered(small: Measurement) -> None:
     args = (point(posterior)[None], posterior.digits)
     g, rows = posterior.geometry, posterior.rows
     one, other = (
-        filtered_log_likelihood(g, rows, f, *args, NOTHING_GIVEN) for f in (found, everything)
+        filtered_log_likelihood(g, rows, f, *args, NOTHING_GIVEN, posterior.errors[None])
+        for f in (found, everything)
     )
     np.testing.assert_allclose(one, other, rtol=1e-11)
     one, other = (filtered_gradient(g, rows, f, *args)[1] for f in (found, everything))
