@@ -9,17 +9,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pbrdf_bayes.analysis import Analysis, load_analysis
 from pbrdf_bayes.effects_table import INSTRUMENT_PARAMETERS
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.io.export.records import Fitted
-from pbrdf_bayes.io.run_folder import load_analysis
 from pbrdf_bayes.model.effects import Effects, effects_of_fit, scene_and_columns
 from pbrdf_bayes.model.four_parameter import DOMAIN, Parameters, brdf, dhr, digits_of
 from pbrdf_bayes.physics.brdf import evaluate
 from pbrdf_bayes.physics.geometry import Geometry, prepare_geometry
 from pbrdf_bayes.physics.scattering import evaluate_with_effects
-from pbrdf_bayes.results import N_BAND_DRAWS, Analysis, drawn_sets
-from pbrdf_bayes.workflow.tree import posterior_of
+from pbrdf_bayes.results import N_BAND_DRAWS, drawn_sets
 
 Array = NDArray[np.float64]
 Evaluate = Callable[[Geometry], tuple[Array, Array]]
@@ -153,7 +152,7 @@ def source_of_run(run: Analysis) -> Source:
     Source
         Values are medians over draws of the posterior.
     """
-    posterior = posterior_of(run)
+    posterior = run.posterior()
     names = posterior.parameter_names
     picked, _ = drawn_sets(run, names, N_BAND_DRAWS)
     rows = run.summary["parameters"]

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pbrdf_bayes.analysis import Analysis
 from pbrdf_bayes import __version__
 from pbrdf_bayes.config import did_you_mean
 from pbrdf_bayes.errors import ConfigError
@@ -28,7 +29,6 @@ from pbrdf_bayes.io.run_folder import refuse_to_replace, write_bytes
 from pbrdf_bayes.model.effects import Effects
 from pbrdf_bayes.model.four_parameter import Parameters, check_directions
 from pbrdf_bayes.quantities import POLARIZATIONS
-from pbrdf_bayes.results import Analysis
 from pbrdf_bayes.workflow.export_grids import (
     COUNTED_DEG,
     Error,
