@@ -1,6 +1,6 @@
 """Tidy CSV in: one file, validated as a whole, to measurements of its samples.
 
-The way of a file: `csv_table` cuts it into cells, `_convert` makes numbers and codes of words and
+The way of a file: `csv_table` cuts it into cells, `tidy_rows` makes numbers and codes of words and
 checks them against `tidy_columns`, `_group` finds samples and wavelengths, `_build` makes each a
 `Measurement`.
 """
@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import isclose, isfinite, nan
+from math import isclose
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,40 +20,22 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.config import did_you_mean
 from pbrdf_bayes.errors import ConfigError, DataError
-from pbrdf_bayes.io.csv_table import MAX_ROWS, Chunk, open_table, read_bytes, refuse
+from pbrdf_bayes.io.csv_table import MAX_ROWS, refuse
 from pbrdf_bayes.io.formats.content import Decided
-from pbrdf_bayes.io.formats.dispatch import Foreign, convert, import_files
-from pbrdf_bayes.io.formulas import unguard
+from pbrdf_bayes.io.formats.dispatch import Foreign, import_files
 from pbrdf_bayes.io.problems import (
-    N_LINES,
     N_LISTED,
     Problem,
-    Problems,
-    compose_message,
-    printable,
     show_cell,
 )
 from pbrdf_bayes.io.tidy_columns import (
-    BRDF_WITH_FLOOR,
-    COLUMN,
-    MINUS,
     MOST_SAMPLES,
-    NUMBER_COLUMNS,
-    OVERLOAD,
-    WORD_COLUMNS,
-    Range,
-    check_header,
-    explain_number,
-    explain_word,
-    missing_column,
-    to_floats,
 )
 from pbrdf_bayes.io.tidy_notices import notice
+from pbrdf_bayes.io.tidy_rows import SAME_WAVELENGTH, CheckedRows, Words, check_data, read_rows
 from pbrdf_bayes.io.tidy_writer import replace_file, write_tidy_csv
 from pbrdf_bayes.measurement import (
     Measurement,
-    is_label,
-    is_name,
     measurement_from_columns,
 )
 
@@ -67,20 +49,13 @@ __all__ = [
 
 Key = tuple[str, float]
 """Sample and wavelength [um]."""
-Rows = Mapping[str, NDArray[Any]]
-"""Columns by name, shape (n_rows,): numbers, codes of words, ``line``, ``used`` and ``bad``."""
 Flags = Mapping[Key, Mapping[str, int]]
 """Flagged rows by flag, by sample and wavelength; "" and 0 where they name none."""
 
-SAME_WAVELENGTH = 1e-4
-"""Wavelengths of a sample that differ by less, relatively, are one."""
-_LEAST_SIGMA = 1e-8
-"""Of ``value``: no instrument is better."""
 _MOST_SCANS = 100_000
 _ANY_FLOOR = 1e-300
 """Noise floor [sr^-1] with which any finite BRDF is admitted."""
 _MOST_COUNTS = 1_000_000
-_MOST_SPELLINGS = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,23 +95,6 @@ class TidyFile:
     n_problems: int
     warnings: tuple[str, ...]
     message: str
-
-
-@dataclass(frozen=True, eq=False)
-class _Content:
-    """Checked rows of a file; ``problems`` is all that is wrong, ``words`` what codes mean."""
-
-    path: str
-    sha256: str
-    rows: Rows
-    words: Mapping[str, _Words]
-    problems: Problems
-    warnings: tuple[str, ...]
-
-    @property
-    def message(self) -> str:
-        """All problems as one text."""
-        return compose_message(self.path, self.problems.listed(), self.problems.n)
 
 
 def read_measurement(
@@ -191,15 +149,17 @@ def read_measurement(
     >>> folder.cleanup()
     """
     if isinstance(path, str | Path):
-        content = _read(path, brdf_floor, rows_of_no_sample=False)
+        content = read_rows(path, brdf_floor, rows_of_no_sample=False)
     else:
         data = path.to_csv(index=False).encode("utf-8", "surrogatepass")
         digest = hashlib.sha256(data).hexdigest()
-        content = _read_data("DataFrame", data, digest, brdf_floor, (), rows_of_no_sample=False)
+        content = check_data("DataFrame", data, digest, brdf_floor, (), rows_of_no_sample=False)
     return _measurement(content, sample, wavelength_um)
 
 
-def _measurement(content: _Content, sample: str | None, wavelength_um: float | None) -> Measurement:
+def _measurement(
+    content: CheckedRows, sample: str | None, wavelength_um: float | None
+) -> Measurement:
     """The readings of one sample at one wavelength."""
     groups = _group(content)
     key = _choose(_names_in_use(content), list(groups), sample, wavelength_um)
@@ -271,11 +231,11 @@ def import_to_csv(paths: Sequence[str | Path], decided: Decided, out: Path) -> t
     return (*foreign.decisions, *content.warnings[len(foreign.decisions) :])
 
 
-def _read_foreign(paths: Sequence[str | Path], foreign: Foreign, brdf_floor: float) -> _Content:
+def _read_foreign(paths: Sequence[str | Path], foreign: Foreign, brdf_floor: float) -> CheckedRows:
     """Rows of files that were converted."""
     digest = next(iter(foreign.sha256.values())) if len(paths) == 1 else ""
     digest = digest or hashlib.sha256("".join(foreign.sha256.values()).encode()).hexdigest()
-    return _read_data(
+    return check_data(
         paths[0], foreign.text.encode(), digest, brdf_floor, foreign.decisions,
         rows_of_no_sample=False,
     )  # fmt: skip
@@ -295,7 +255,7 @@ def read_samples(path: str | Path, *, brdf_floor: float = 0.0) -> TidyFile:
     ConfigError
         When ``brdf_floor`` is negative or not finite.
     """
-    content = _read(path, brdf_floor, rows_of_no_sample=False)
+    content = read_rows(path, brdf_floor, rows_of_no_sample=False)
     if "" in content.problems.found:
         raise DataError(content.message)
     return _tidy_file(content)
@@ -314,10 +274,10 @@ def read_usable_samples(path: str | Path, *, brdf_floor: float = 0.0) -> TidyFil
         As `read_samples`, where that is not the fault of single rows: the quotes are unbalanced,
         the header is wrong.
     """
-    return _tidy_file(_read(path, brdf_floor, rows_of_no_sample=True))
+    return _tidy_file(read_rows(path, brdf_floor, rows_of_no_sample=True))
 
 
-def _tidy_file(content: _Content) -> TidyFile:
+def _tidy_file(content: CheckedRows) -> TidyFile:
     errors = _refused_samples(content)
     groups = {key: rows for key, rows in _group(content).items() if key[0] not in errors}
     measurements = _build_all(content, groups, errors)
@@ -335,228 +295,7 @@ def _tidy_file(content: _Content) -> TidyFile:
     )
 
 
-# Cells to checked rows
-
-
-class _Words(dict[str, int]):
-    """Code of the word in each cell of a text column, its blanks and formula guard left out."""
-
-    def __init__(self, path: str, column: str) -> None:
-        super().__init__()
-        self.path, self.column = path, COLUMN[column]
-        self.words: list[str] = []
-        self.allowed: list[bool] = []
-        self.spellings: list[list[str]] = []
-        self._codes: dict[str, int] = {}
-
-    def __missing__(self, cell: str) -> int:
-        if len(self) > self.column.most:
-            what = f"column {self.column.name} has more than {self.column.most} different words"
-            refuse(self.path, f"{what} (allowed: up to that). Split the file into several, for "
-                              "example by lots.")  # fmt: skip
-        word = unguard(cell.strip())
-        self[cell] = code = self._codes.setdefault(word, len(self.words))
-        if code == len(self.words):
-            self.words.append(word)
-            self.allowed.append(self._allows(word))
-            self.spellings.append([])
-        if len(self.spellings[code]) < _MOST_SPELLINGS:
-            self.spellings[code].append(cell)
-        return code
-
-    def _allows(self, word: str) -> bool:
-        if self.column.words:
-            return word in self.column.words
-        if self.column.name == "sample":
-            return is_name(word)
-        return not self.column.longest or is_label(word)
-
-    def encode(self, cells: Sequence[str]) -> NDArray[np.int64]:
-        """Code of each cell, shape (n_rows,)."""
-        return np.fromiter(map(self.__getitem__, cells), np.int64, len(cells))
-
-
-def _read(path: str | Path, brdf_floor: float, *, rows_of_no_sample: bool) -> _Content:
-    """Convert and check every row; refuse only what leaves no rows to speak of."""
-    if not (isfinite(brdf_floor) and brdf_floor >= 0):
-        msg = f"brdf_floor = {brdf_floor!r} is not allowed: give a BRDF [sr^-1] of 0 or more"
-        raise ConfigError(msg)
-    data = read_bytes(path)
-    foreign = convert(path, data)
-    digest = hashlib.sha256(data).hexdigest()
-    if foreign is not None:
-        data = foreign.text.encode()
-    return _read_data(path, data, digest, brdf_floor, foreign.decisions if foreign else (),
-                      rows_of_no_sample=rows_of_no_sample)  # fmt: skip
-
-
-def _read_data(
-    path: str | Path, data: bytes, digest: str, brdf_floor: float, decisions: tuple[str, ...], *,
-    rows_of_no_sample: bool,
-) -> _Content:  # fmt: skip
-    """Rows of a tidy CSV; ``digest`` and ``decisions`` are of the file that it was made of."""
-    table = open_table(path, data)
-    problems = Problems()
-    warnings = (*decisions, *check_header(table.header, problems))
-    if problems.n:
-        raise DataError(compose_message(str(path), problems.listed(), problems.n))
-    words = {name: _Words(str(path), name) for name in WORD_COLUMNS}
-    parts, minus, has_minus = [], [], MINUS.encode() in data
-    for chunk in table.chunks:
-        parts.append(_convert(chunk, table.header, words, problems, brdf_floor=brdf_floor))
-        if has_minus:
-            minus += _lines_with_minus(chunk, table.header)
-    names = parts[0] if parts else ()
-    rows: Rows = {name: np.concatenate([part[name] for part in parts]) for name in names}
-    said = _set_aside(table.unreadable, problems, words["sample"], table.header, rows_of_no_sample)
-    if not rows and not problems.n:
-        problems.add(Problem(0, "", "the file has a header but no rows. Add the readings."))
-    if not rows:
-        raise DataError(compose_message(str(path), problems.listed(), problems.n))
-    is_brdf = rows["quantity"] == words["quantity"]["brdf"]
-    incomplete = "theta_r_deg" not in table.header and bool(np.any(rows["used"] & is_brdf))
-    if incomplete:
-        problems.add(missing_column("theta_r_deg", table.header))
-    if rows_of_no_sample and (incomplete or table.doubtful):
-        raise DataError(compose_message(str(path), problems.listed(), problems.n))
-    if table.trailing:
-        what = f"empty cells at the end of {len(table.trailing)} lines"
-        warnings += (f"{what} (first: line {table.trailing[0]}), left out.",)
-    if minus:
-        what = f"numbers with U+2212, a minus sign that is no hyphen, in {len(minus)} lines"
-        warnings += (f"{what} (first: line {minus[0]}) are read as if it were one.",)
-    rows = _merge_wavelengths(rows)
-    return _Content(printable(str(path)), digest, rows, words, problems, (*warnings, *said))
-
-
-def _convert(
-    chunk: Chunk, header: Sequence[str], words: Mapping[str, _Words], problems: Problems, *,
-    brdf_floor: float,
-) -> dict[str, NDArray[Any]]:  # fmt: skip
-    """Numbers and codes of some rows; what is wrong with them goes to ``problems``."""
-    cells = dict(zip(header, chunk.columns, strict=True))
-    n_rows, blank = len(chunk.line), ("",) * len(chunk.line)
-    rows: dict[str, NDArray[Any]] = {"line": chunk.line}
-    for name, book in words.items():
-        rows[name] = book.encode(cells.get(name, blank))
-    for name in NUMBER_COLUMNS:
-        rows[name] = to_floats(cells[name]) if name in cells else np.full(n_rows, nan)
-    flags = words["flag"].words
-    rows["used"] = np.array([word.lower() in ("", "ok") for word in flags])[rows["flag"]]
-    rows["bad"] = np.zeros(n_rows, dtype=bool)
-    names = words["sample"].words
-    for column, index, allowed in _breaches(rows, cells, words, brdf_floor):
-        rows["bad"][index] = True
-        kinds: dict[tuple[str, int], list[int]] = {}
-        for i, code in zip(index.tolist(), rows["sample"][index].tolist(), strict=True):
-            _, kind = _explain(cells[column][i], column, allowed)
-            kinds.setdefault((kind, code), []).append(i)
-        for (kind, code), members in kinds.items():
-            text = "".join(_explain(cells[column][members[0]], column, allowed))
-            lines = tuple(chunk.line[members[:N_LINES]].tolist())
-            problems.add(Problem(lines[0], column, text, names[code], kind, len(members), lines))
-    return rows
-
-
-def _lines_with_minus(chunk: Chunk, header: Sequence[str]) -> list[int]:
-    """Lines with a minus sign that is no hyphen in a number."""
-    found: set[int] = set()
-    for name, cells in zip(header, chunk.columns, strict=True):
-        if name in NUMBER_COLUMNS:
-            has_one = np.array([MINUS in cell for cell in cells])
-            found.update(chunk.line[has_one].tolist())
-    return sorted(found)
-
-
-def _explain(cell: str, column: str, allowed: Range | str | None) -> tuple[str, str]:
-    if isinstance(allowed, str):
-        return show_cell(cell.strip())[1:-1], allowed
-    if allowed is None:
-        return explain_word(cell, COLUMN[column])
-    return explain_number(cell, allowed, column)
-
-
-def _breaches(
-    rows: Rows, cells: Mapping[str, Sequence[str]], words: Mapping[str, _Words], brdf_floor: float
-) -> Iterator[tuple[str, NDArray[np.int64], Range | str | None]]:
-    """Column, rows that break a rule, and the rule or what it says."""
-    for name, book in words.items():
-        if name in cells:
-            yield name, np.flatnonzero(rows["used"] & ~np.array(book.allowed)[rows[name]]), None
-    for name in NUMBER_COLUMNS:
-        if name not in cells:
-            continue
-        for quantity, allowed in COLUMN[name].ranges.items():
-            if name == "value" and quantity == "brdf" and brdf_floor > 0:
-                allowed = BRDF_WITH_FLOOR
-            wrong = rows["used"] & ~allowed.accepts(rows[name])
-            if name == "value":
-                wrong |= rows["used"] & (np.abs(rows[name]) >= OVERLOAD)
-            if quantity:
-                wrong &= rows["quantity"] == words["quantity"][quantity]
-            index = np.flatnonzero(wrong)
-            if allowed.not_stated:
-                column, unstated = cells[name], allowed.not_stated
-                stated = [column[i].strip().lower() not in unstated for i in index.tolist()]
-                index = index[np.array(stated, dtype=bool)]
-            yield name, index, allowed
-    sigma, value = rows["sigma"], np.abs(rows["value"])
-    too_small = rows["used"] & (sigma > 0) & (sigma < _LEAST_SIGMA * value)
-    yield "sigma", np.flatnonzero(too_small), (
-        f" is less than {_LEAST_SIGMA:g} of value: no instrument is that good. Give the standard "
-        "uncertainty, or leave the cell empty."
-    )  # fmt: skip
-
-
-def _set_aside(
-    unreadable: Problems, problems: Problems, samples: _Words, header: Sequence[str],
-    rows_of_no_sample: bool,
-) -> tuple[str, ...]:  # fmt: skip
-    """Give rows that cannot be read to their samples, or to none; return a warning for all."""
-    nameless = Problems()
-    for name, own in unreadable.found.items():
-        name = unguard(name)
-        # Where the name is not the first cell, it may be another cell that has shifted.
-        known = is_name(name) and (header.index("sample") == 0 or name in samples.words)
-        for problem in own.values():
-            owner = name if known and rows_of_no_sample else ""
-            (problems if owner else nameless).add(problem.of(owner))
-    if rows_of_no_sample:
-        for problem in problems.found.pop("", {}).values():
-            nameless.add(problem)
-            problems.n -= problem.n
-    problems.extend(nameless)
-    if not rows_of_no_sample:
-        return ()
-    rows = (p for p in nameless.listed() if p.column in ("", "sample"))
-    return tuple(f"not read, and may be of this sample: {p}" for p in rows)
-
-
-def _merge_wavelengths(rows: Rows) -> Rows:
-    """Give readings of one sample the wavelength of most of them, where they nearly agree."""
-    wavelength, sample = rows["wavelength_um"], rows["sample"]
-    index = np.flatnonzero(wavelength > 0)
-    index = index[np.lexsort((wavelength[index], sample[index]))]
-    x, code = wavelength[index], sample[index]
-    if not index.size:
-        return rows
-    new = np.ones(x.size, dtype=bool)
-    new[1:] = (code[1:] != code[:-1]) | (x[1:] > x[:-1] * (1 + SAME_WAVELENGTH))
-    start = np.flatnonzero(new)
-    last = np.append(start[1:], x.size) - 1
-    differ = np.flatnonzero((x[start] < x[last]) & (x[last] <= x[start] * (1 + SAME_WAVELENGTH)))
-    merged = wavelength.copy()
-    for i in differ.tolist():
-        own = index[start[i] : last[i] + 1]
-        values, n = np.unique(wavelength[own], return_counts=True)
-        merged[own] = values[np.argmax(n)]
-    return {**rows, "wavelength_um": merged, "wavelength_as_read": wavelength}
-
-
-# Rows to measurements
-
-
-def _spellings(samples: _Words, code: int) -> tuple[str, ...]:
+def _spellings(samples: Words, code: int) -> tuple[str, ...]:
     """A warning where the name of a sample stands there with other blanks at its ends too."""
     cells = sorted(samples.spellings[code])
     if len(cells) < 2 or all(cell == cell.strip() for cell in cells):
@@ -566,13 +305,13 @@ def _spellings(samples: _Words, code: int) -> tuple[str, ...]:
     return (f"{text} Give names that differ otherwise if they are several.",)
 
 
-def _names_in_use(content: _Content) -> list[str]:
+def _names_in_use(content: CheckedRows) -> list[str]:
     """Names of the samples with at least one row that is not flagged."""
     codes = np.unique(content.rows["sample"][content.rows["used"]])
     return sorted({content.words["sample"].words[code] for code in codes.tolist()} - {""})
 
 
-def _group(content: _Content) -> dict[Key, NDArray[np.int64]]:
+def _group(content: CheckedRows) -> dict[Key, NDArray[np.int64]]:
     """Rows without a problem of each sample and wavelength, by name and wavelength."""
     rows = content.rows
     index = np.flatnonzero(rows["used"] & ~rows["bad"])
@@ -632,7 +371,7 @@ def _list_some(words: Sequence[str]) -> str:
     return ", ".join(words[:N_LISTED]) + more
 
 
-def _count_flags(content: _Content, keys: Iterable[Key]) -> Flags:
+def _count_flags(content: CheckedRows, keys: Iterable[Key]) -> Flags:
     """Flagged rows, counted once for all samples and wavelengths ``keys``."""
     rows = content.rows
     index = np.flatnonzero(~rows["used"])
@@ -653,7 +392,7 @@ def _places(key: Key) -> tuple[Key, ...]:
     return key, (key[0], 0.0), ("", key[1]), ("", 0.0)
 
 
-def _refused_samples(content: _Content) -> dict[str, str]:
+def _refused_samples(content: CheckedRows) -> dict[str, str]:
     """Message for each sample with a problem, or without a row that is not flagged."""
     names = content.words["sample"].words
     unused = set(names) - set(_names_in_use(content)) - {""}
@@ -680,7 +419,7 @@ def _refused_samples(content: _Content) -> dict[str, str]:
     return {name: errors[name] for name in sorted(errors)}
 
 
-def _first_lines(content: _Content, errors: Iterable[str]) -> dict[str, int]:
+def _first_lines(content: CheckedRows, errors: Iterable[str]) -> dict[str, int]:
     """Line on which each of these samples begins, whatever is wrong with it."""
     codes, first = np.unique(content.rows["sample"], return_index=True)
     names = [content.words["sample"].words[code] for code in codes.tolist()]
@@ -692,7 +431,7 @@ def _first_lines(content: _Content, errors: Iterable[str]) -> dict[str, int]:
 
 
 def _build_all(
-    content: _Content, groups: Mapping[Key, NDArray[np.int64]], errors: dict[str, str]
+    content: CheckedRows, groups: Mapping[Key, NDArray[np.int64]], errors: dict[str, str]
 ) -> dict[Key, Measurement]:
     """Measurements of all samples; those that cannot be made go to ``errors``."""
     flags = _count_flags(content, groups)
@@ -712,7 +451,7 @@ def _build_all(
     return {key: m for key, m in found.items() if key[0] not in errors}
 
 
-def _build(content: _Content, key: Key, index: NDArray[np.int64], flags: Flags) -> Measurement:
+def _build(content: CheckedRows, key: Key, index: NDArray[np.int64], flags: Flags) -> Measurement:
     """Measurement from the rows of one sample at one wavelength."""
     rows = {name: column[index] for name, column in content.rows.items()}
     columns: dict[str, Any] = {

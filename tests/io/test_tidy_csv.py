@@ -1026,7 +1026,7 @@ def test_work_for_a_sample_does_not_grow_with_the_others(write, monkeypatch, quo
         return is_label(word)
 
     for name in ("is_label", "is_name"):
-        monkeypatch.setattr(f"pbrdf_bayes.io.tidy_csv.{name}", counted)
+        monkeypatch.setattr(f"pbrdf_bayes.io.tidy_rows.{name}", counted)
     n = 5000
     rows = [f'{quote}a {i}{quote},3,brdf,s,2,0,{"x" if i % 2 else 1},"scan,{i}"' for i in range(n)]
     found = read_samples(write(table(*rows, header=HEADER + ",scan")))
