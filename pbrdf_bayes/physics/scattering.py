@@ -40,7 +40,15 @@ from pbrdf_bayes.physics.instrument import (
     move,
 )
 from pbrdf_bayes.physics.lobes.line_shapes import LORENTZIAN
-from pbrdf_bayes.physics.lobes.shaped import MEAN_SINE, Lobe, lobe, shaped_log_lobes
+from pbrdf_bayes.physics.lobes.shaped import (
+    LOWEST_OF_ROW,
+    MEAN_SINE,
+    Lobe,
+    Places,
+    fill_shaped_lobes,
+    lobe,
+    shaped_log_lobes,
+)
 from pbrdf_bayes.physics.normalisation.plain import VALUES, Workspace, incidence, workspace
 from pbrdf_bayes.physics.normalisation.shaped import (
     ShapedWorkspace,
@@ -82,6 +90,8 @@ class _Work(NamedTuple):
     seen_diffuse: Array
     places: Array
     """(2, most): singularities of the BRDF along a scan."""
+    rows: Array
+    """(5, most): scratch of `_fill_group`."""
 
 
 @compiled()
@@ -95,7 +105,7 @@ def _make_work(geometry: Geometry) -> _Work:
         np.empty((2, n)), workspace(), buffers(n, n_incidence, VALUES),
         _Where(np.empty((8, MOST_SEEN)), np.empty((3, MOST_SEEN)), np.empty((3, MOST_SEEN))),
         np.empty(MOST_SEEN), np.empty((2, MOST_SEEN)), np.empty((2, MOST_SEEN)),
-        np.empty((2, MOST_SINGULARITIES)),
+        np.empty((2, MOST_SINGULARITIES)), np.empty((5, max(n, MOST_SEEN))),
     )  # fmt: skip
 
 
@@ -179,7 +189,9 @@ def _fill_shaped(
             _see(a, b, j, in_plane, effects, surf, shaped, where, digits, work)
         else:
             f_s, f_p, more = work.f[0][a:b], work.f[1][a:b], _rows(work.diffuse, a, b)
-            _fill_group(a, j, in_plane, effects, surf, shaped, where, work.scale, more, f_s, f_p)
+            _fill_group(
+                a, j, in_plane, effects, surf, shaped, where, work.scale, more, work.rows, f_s, f_p
+            )
 
 
 @compiled(inline=True)
@@ -224,7 +236,9 @@ def _fill_means(
     fill_directions(angles[0][:n], angles[1][:n], angles[2][:n], directions[:, :n])
     _fill_polar(angles[:, :n], polar[:, :n])
     f_s, f_p, more = work.seen_f[0][:n], work.seen_f[1][:n], _rows(work.seen_diffuse, 0, n)
-    _fill_group(0, j, in_plane, effects, surf, shaped, work.seen, work.scale, more, f_s, f_p)
+    _fill_group(
+        0, j, in_plane, effects, surf, shaped, work.seen, work.scale, more, work.rows, f_s, f_p
+    )
     weight, node = work.weight, 0
     for i in range(end.size):
         total_s = total_p = 0.0
@@ -280,23 +294,33 @@ def _fill_polar(angles: Array, out: Array) -> None:
 @compiled()
 def _fill_group(
     a: int, j: int, in_plane: bool, effects: EffectValues, surf: Surface, shaped: Lobe,
-    where: _Where, scale: Array, diffuse: tuple[Array, Array], f_s: Array, f_p: Array,
+    where: _Where, scale: Array, diffuse: tuple[Array, Array], rows: Array, f_s: Array, f_p: Array,
 ) -> None:  # fmt: skip
-    """BRDF of s and p of the directions from a on, all of the incidence j."""
+    """BRDF of s and p of the directions from a on, of the incidence j; ``rows`` is scratch."""
     more_s, more_p = diffuse
     b = a + f_s.size
-    scale_s, scale_p = scale[j, 0], scale[j, 1]
     theta_i, g = where.angles[0, a], where.directions
-    fill_diffuse(np.sin(theta_i), np.cos(theta_i), where.polar, a, b, effects, surf, diffuse)
-    peak_s, peak_p = shaped_log_lobes(0.0, 1.0, 0.0, 1.0, surf, shaped)
-    for i in range(a, b):
-        log_s, log_p = shaped_log_lobes(g[0, i], g[1, i], g[2, i], g[3, i], surf, shaped)
-        if in_plane:
-            across_s, across_p = peak_s, peak_p
-        else:
-            across_s, across_p = shaped_log_lobes(g[4, i], g[5, i], g[6, i], g[7, i], surf, shaped)
-        f_s[i - a] = scale_s * np.exp(log_s + across_p) + more_s[i - a]
-        f_p[i - a] = scale_p * np.exp(log_p + across_s) + more_p[i - a]
+    sine_i, cosine_i = np.sin(theta_i), np.cos(theta_i)
+    fill_diffuse(sine_i, cosine_i, where.polar, a, b, effects, surf, diffuse)
+    n, ones, lowest = f_s.size, rows[0][: f_s.size], LOWEST_OF_ROW
+    ones[:] = 1.0
+    w2_s, w2_p = rows[1][:n], rows[2][:n]
+    along = Places(g[0][a:b], g[1][a:b], g[2][a:b], g[3][a:b], ones)
+    fill_shaped_lobes(along, sine_i, cosine_i, surf, shaped, lowest, w2_s, w2_p, f_s, f_p)
+    if in_plane:
+        log_s, log_p = shaped_log_lobes(0.0, 1.0, 0.0, 1.0, surf, shaped)
+        scale_s, scale_p = scale[j, 0] * np.exp(log_p), scale[j, 1] * np.exp(log_s)
+        for i in range(n):
+            f_s[i] = scale_s * f_s[i] + more_s[i]
+            f_p[i] = scale_p * f_p[i] + more_p[i]
+    else:
+        scale_s, scale_p = scale[j, 0], scale[j, 1]
+        b_s, b_p = rows[3][:n], rows[4][:n]
+        across = Places(g[4][a:b], g[5][a:b], g[6][a:b], g[7][a:b], ones)
+        fill_shaped_lobes(across, 0.0, 1.0, surf, shaped, lowest, w2_s, w2_p, b_s, b_p)
+        for i in range(n):
+            f_s[i] = scale_s * (f_s[i] * b_p[i]) + more_s[i]
+            f_p[i] = scale_p * (f_p[i] * b_s[i]) + more_p[i]
 
 
 @compiled()

@@ -1,4 +1,4 @@
-"""The model written again from the textbook formulas, for comparison."""
+"""The model from the equations as they are printed, for comparison."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
+from pbrdf_bayes.physics import equations
 
 Array = NDArray[np.float64]
 REFERENCE = Path(__file__).parents[1] / "reference"
@@ -25,45 +27,32 @@ def reference_points() -> list[dict[str, Any]]:
 
 
 class Textbook:
-    """Equations (2)-(6) in complex arithmetic, with the disk integral by a plain 2-D rule.
+    """Equations (2)-(6) as they are printed, with the disk integral by a plain 2-D rule.
 
     Accurate to rounding where nothing cancels, that is for n - 1 not small and angles not grazing;
     the integral by a product of Gauss rules in polar coordinates, for lobes that are not narrow.
     """
 
     def __init__(self, n: float, k: float, sigma_n0: float, rho0: float) -> None:
-        self.m2 = complex(n, -k) ** 2
         self.sigma_n0, self.rho0 = sigma_n0, rho0
+        self.paint = equations.FourParameters(n, k, sigma_n0, rho0)
 
     def reflectances(self, x: Array | float) -> tuple[Array, Array]:
-        """F_s and F_p from the amplitudes (c - c_t) / (c + c_t), (m^2 c - c_t) / (m^2 c + c_t)."""
-        x = np.asarray(x, dtype=float)
-        c = np.sqrt(1.0 - x * x)
-        c_t = np.sqrt(self.m2 - x * x)
-        r_s = (c - c_t) / (c + c_t)
-        r_p = (self.m2 * c - c_t) / (self.m2 * c + c_t)
-        return np.abs(r_s) ** 2, np.abs(r_p) ** 2
+        """F_s and F_p."""
+        return equations.fresnel(0, x, self.paint), equations.fresnel(1, x, self.paint)
 
     def widths(self, x: Array | float) -> tuple[Array, Array]:
         """rho_s and rho_p, Eq. (5)."""
-        normal = self.reflectances(0.0)[0]
-        f_s, f_p = self.reflectances(x)
-        return self.rho0 * (1 - f_s) / (1 - normal), self.rho0 * (1 - f_p) / (1 - normal)
+        return equations.half_width(0, x, self.paint), equations.half_width(1, x, self.paint)
 
     def shape(self, alpha_i: float, alpha: Array, beta: Array) -> tuple[Array, Array]:
         """A_q(alpha) B_q'(beta) of Eq. (3) for q = s, p."""
-        middle = 0.5 * (alpha + alpha_i)
-        height_a = 0.25 * (math.sqrt(1 - alpha_i**2) + np.sqrt(1 - alpha**2)) ** 2
-        height_b = 0.25 * (1 + np.sqrt(1 - beta**2)) ** 2
-        a = [
-            f / ((alpha - alpha_i) ** 2 + height_a * rho**2)
-            for f, rho in zip(self.reflectances(middle), self.widths(middle), strict=True)
-        ]
-        b = [
-            f / (beta**2 + height_b * rho**2)
-            for f, rho in zip(self.reflectances(0.5 * beta), self.widths(0.5 * beta), strict=True)
-        ]
-        return a[0] * b[1], a[1] * b[0]
+        s, p = (
+            equations.lobe_along(q, alpha, alpha_i, self.paint)
+            * equations.lobe_across(1 - q, beta, self.paint)
+            for q in (0, 1)
+        )
+        return s, p
 
     def norms(self, alpha_i: float, panels: int = 12, order: int = 12) -> tuple[float, float]:
         """Integral of `shape` over the unit disk, in polar coordinates."""

@@ -55,6 +55,8 @@ MEAN_SINE, GEOMETRIC_MEAN, MEAN_ANGLE = range(len(FRESNEL_AT))
 """Codes, in the order of the table."""
 LOWEST = -600.0
 """Ln of the shape that counts as zero in a norm; smaller ones would end in denormal numbers."""
+LOWEST_OF_ROW = -690.0
+"""The same of a reading, below everything that the likelihood tells apart."""
 
 
 class Lobe(NamedTuple):
@@ -124,15 +126,40 @@ def shaped_log_lobes(
     )
 
 
-# Loops over nodes: one for each choice, so that the compiler vectorises it.
+# Loops over nodes and rows: one for each choice, so that the compiler vectorises it.
+
+
+class Places(NamedTuple):
+    """Contiguous arrays (n,): the arguments of a lobe, and a factor of each place."""
+
+    x: Array
+    c: Array
+    offset: Array
+    h: Array
+    weight: Array
+
+
+@compiled()
+def fill_shaped_lobes(
+    at: Places, sine_i: float, cosine_i: float, surf: Surface, shaped: Lobe, lowest: float,
+    w2_s: Array, w2_p: Array, out_s: Array, out_p: Array,
+) -> None:  # fmt: skip
+    """A_s and A_p times the weights; B_s and B_p at normal incidence. ``w2`` is scratch.
+
+    ``lowest`` is ln of the line shape that counts as zero.
+    """
+    fill_squared_widths(at, surf, shaped.narrowing, w2_s, w2_p)
+    fill_reflectances(at, sine_i, cosine_i, surf, shaped.fresnel_at, out_s, out_p)
+    fill_shape(at, w2_s, shaped.shape, lowest, out_s)
+    fill_shape(at, w2_p, shaped.shape, lowest, out_p)
 
 
 @compiled()
 def fill_squared_widths(
-    nodes: Array, n: int, surf: Surface, narrowing: float, w2_s: Array, w2_p: Array
+    at: Places, surf: Surface, narrowing: float, w2_s: Array, w2_p: Array
 ) -> None:
-    """w_s^2 and w_p^2 at the first ``n`` nodes, whose x, c, offset, h are rows of ``nodes``."""
-    x, c, h = nodes[0][:n], nodes[1][:n], nodes[3][:n]
+    """w_s^2 and w_p^2."""
+    x, c, h = at.x, at.c, at.h
     if narrowing == 0.0:
         for i in range(x.size):
             w2_s[i] = w2_p[i] = h[i] * surf.rho0 * surf.rho0
@@ -146,14 +173,14 @@ def fill_squared_widths(
 
 @compiled()
 def fill_reflectances(
-    nodes: Array, n: int, sine_i: float, cosine_i: float, surf: Surface, fresnel_at: int,
-    f_s: Array, f_p: Array,
+    at: Places, sine_i: float, cosine_i: float, surf: Surface, fresnel_at: int, f_s: Array,
+    f_p: Array,
 ) -> None:  # fmt: skip
     """The factors F_s and F_p in front of the lobes; for B at normal incidence.
 
     Found once, F_p(alpha_i) is the same number in all of a norm, however close to zero it is.
     """
-    x, c, offset, h = nodes[0][:n], nodes[1][:n], nodes[2][:n], nodes[3][:n]
+    x, c, offset, h = at.x, at.c, at.offset, at.h
     if fresnel_at == MEAN_SINE:
         for i in range(x.size):
             f_s[i], f_p[i] = reflectances(x[i], c[i], surf)
@@ -169,10 +196,9 @@ def fill_reflectances(
 
 
 @compiled()
-def fill_shape(nodes: Array, n: int, w2_row: Array, shape: LineShape, lobe_row: Array) -> None:
-    """Lobes times the weights, row 4 of ``nodes``; ``lobe_row`` comes with the factors F."""
-    offset, weight = nodes[2][:n], nodes[4][:n]
-    w2, out = w2_row[:n], lobe_row[:n]
+def fill_shape(at: Places, w2: Array, shape: LineShape, lowest: float, out: Array) -> None:
+    """Lobes times the weights; ``out`` comes with the factors F, ``w2`` is lost."""
+    offset, weight = at.offset, at.weight
     if shape.code == LORENTZIAN:
         for i in range(offset.size):
             out[i] *= weight[i] / (offset[i] * offset[i] + w2[i])
@@ -183,10 +209,10 @@ def fill_shape(nodes: Array, n: int, w2_row: Array, shape: LineShape, lobe_row: 
         w2[i] = offset[i] * offset[i] * inverse
     if shape.code == GAUSSIAN:
         for i in range(offset.size):
-            out[i] *= exp(max(-shape.curvature * w2[i], LOWEST))
+            out[i] *= exp(max(-shape.curvature * w2[i], lowest))
     elif shape.code == CAUCHY:
         for i in range(offset.size):
-            out[i] *= exp(max(-shape.exponent * log(1.0 + shape.curvature * w2[i]), LOWEST))
+            out[i] *= exp(max(-shape.exponent * log(1.0 + shape.curvature * w2[i]), lowest))
     else:
         for i in range(offset.size):
-            out[i] *= exp(max(log_line_shape(w2[i], shape), LOWEST))
+            out[i] *= exp(max(log_line_shape(w2[i], shape), lowest))

@@ -24,10 +24,10 @@ from pbrdf_bayes.physics.fresnel import Surface, transmittances
 from pbrdf_bayes.physics.lobes.line_shapes import stretch
 from pbrdf_bayes.physics.lobes.shaped import (
     GEOMETRIC_MEAN,
+    LOWEST,
     Lobe,
-    fill_reflectances,
-    fill_shape,
-    fill_squared_widths,
+    Places,
+    fill_shaped_lobes,
 )
 from pbrdf_bayes.physics.normalisation.centres import (
     add_centre,
@@ -197,11 +197,11 @@ def _fill_lobes(
     n: int, sine_i: float, cosine_i: float, surf: Surface, shaped: Lobe, ws: ShapedWorkspace
 ) -> None:
     """Lobes of s and p at the nodes times the weights."""
-    fill_squared_widths(ws.nodes, n, surf, shaped.narrowing, ws.lobes[2], ws.lobes[3])
-    place = shaped.fresnel_at
-    fill_reflectances(ws.nodes, n, sine_i, cosine_i, surf, place, ws.lobes[0], ws.lobes[1])
-    for q in range(2):
-        fill_shape(ws.nodes, n, ws.lobes[2 + q], shaped.shape, ws.lobes[q])
+    at = Places(ws.nodes[0][:n], ws.nodes[1][:n], ws.nodes[2][:n], ws.nodes[3][:n], ws.nodes[4][:n])
+    fill_shaped_lobes(
+        at, sine_i, cosine_i, surf, shaped, LOWEST,
+        ws.lobes[2][:n], ws.lobes[3][:n], ws.lobes[0][:n], ws.lobes[1][:n],
+    )  # fmt: skip
 
 
 @compiled()
