@@ -122,7 +122,7 @@ def reciprocal_brdf(
     Notes
     -----
     Tested for n in [1.0005, 6] with k in [0, 10], a metal with n < 1, rho0 from 1e-3 to 4 and
-    angles of incidence from 0 to 89.95 deg (``tests/model/test_reciprocity.py``).
+    angles of incidence from 0 to 89.95 deg (``tests/physics/test_reciprocal.py``).
 
     Out of plane A_q B_q' is not reciprocal, and no factor makes it so: g depends on alpha there.
     The price is the symmetry at normal incidence: s and p have factors of their own, so that

@@ -265,7 +265,7 @@ def test_readmes_priors_are_the_presets():
 def test_the_makefile_lists_its_targets():
     answer = run("make", "--no-print-directory", cwd=ROOT)
     listed = [line.split()[1] for line in answer.stdout.splitlines()]
-    assert listed == ["help", "demo", "test", "validate", "lint", "format", "clean"]
+    assert listed == ["help", "demo", "test", "test-slow", "validate", "lint", "format", "clean"]
     assert run("bash", "-n", ROOT / ".ci" / "run").returncode == 0
 
 

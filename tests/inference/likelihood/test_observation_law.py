@@ -37,14 +37,14 @@ FLOOR = 1e-3
 
 @pytest.fixture(scope="module")
 def readings() -> Measurement:
-    """Two scans of one geometry, one of them again at other angles, and one of p at another."""
+    """Two scans of one geometry that share most angles, and one of p at another."""
     rng = np.random.default_rng(3)
     columns: dict[str, list[Any]] = {
         name: [] for name in ("theta_i_deg", "theta_r_deg", "polarization", "value", "scan")
     }
     for theta_i, q, name, shift in [
         (30.0, "s", "a", 0.0),
-        (30.0, "s", "b", 2.0),
+        (30.0, "s", "b", 10.0),
         (60.0, "p", "", 1.0),
     ]:
         grid = np.linspace(-70.0, 70.0, 15) + shift

@@ -82,13 +82,13 @@ def test_scores_are_consistent_with_the_arrays(held_out: Holdout, small: Measure
     inside = (value >= band[:, 0]) & (value <= band[:, 4])
     assert held_out.coverage_90 == pytest.approx(np.mean(inside))
     assert held_out.width_dex == pytest.approx(np.mean(np.log10(band[:, 4] / band[:, 0])))
-    labels = [str(entry["label"]) for entry in held_out.scans]
+    labels = [str(entry.label) for entry in held_out.scans]
     assert labels == ["p 20 deg", "s 60 deg", "p 60 deg"]
     for entry in held_out.scans:
-        rows = held_out.scan == entry["label"]
+        rows = held_out.scan == entry.label
         assert rows.sum() == 33
-        assert entry["rms_dex"] == pytest.approx(math.sqrt(np.mean(error[rows] ** 2)), rel=1e-12)
-        assert entry["coverage_90"] == pytest.approx(np.mean(inside[rows]))
+        assert entry.rms_dex == pytest.approx(math.sqrt(np.mean(error[rows] ** 2)), rel=1e-12)
+        assert entry.coverage_90 == pytest.approx(np.mean(inside[rows]))
     assert f"{held_out.rms_dex:.3f} dex rms" in held_out.statement
 
 
