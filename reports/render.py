@@ -33,6 +33,7 @@ PAGES: dict[str, Callable[[dict[str, Any]], str]] = {
     "ddr/ddr.json": _of("ddr"),
     "design_loop/design_loop.json": render_loop,
     "fresnel_at/fresnel_at.json": _of("fresnel_at"),
+    "mitsuba/mitsuba.json": _of("mitsuba"),
     "samplers/samplers.json": _of("samplers"),
 }
 
