@@ -25,18 +25,18 @@ from typing import ClassVar
 import numpy as np
 import psutil
 import pytest
+from pbrdf_bayes.batch.at_work import AtWork, forget, look, stage_writer
+from pbrdf_bayes.batch.own_report import is_own_report, note_report
+from pbrdf_bayes.batch.progress import Progress
+from pbrdf_bayes.batch.terminal import sample_line, teller
 
 import pbrdf_bayes as pb
 from pbrdf_bayes.batch import executors, shared_folder
 from pbrdf_bayes.batch import run as batch_run
-from pbrdf_bayes.batch.at_work import AtWork, forget, look, stage_writer
 from pbrdf_bayes.batch.executors import Crew
 from pbrdf_bayes.batch.index import harmless, write_index
 from pbrdf_bayes.batch.outcome import failed_row, finished_row
-from pbrdf_bayes.batch.own_report import is_own_report, note_report
 from pbrdf_bayes.batch.plan import Job, in_order, plan_batch
-from pbrdf_bayes.batch.progress import Progress
-from pbrdf_bayes.batch.terminal import sample_line, teller
 from pbrdf_bayes.batch.work import Task, finished_before, run_task
 from pbrdf_bayes.cli import main
 from pbrdf_bayes.errors import ConfigError
