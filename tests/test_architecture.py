@@ -43,7 +43,7 @@ HOMES = {
     "llvmlite": {"physics.elementary"}, "fcntl": {"io.locks"}, "signal": {"cli", "batch.work"}, "distributed": {"batch.executors"},
     "threadpoolctl": {"inference", "bench", "design"}, "subprocess": {"workflow.compile_ahead", "io.print_pdf"}, "pickle": set(), "arviz": set(),
     "random": set(), "pathlib": {"io", "analysis", "workflow.compile_ahead", "workflow", "verbs", "cli", "bench", "batch", "physics.compiled"},
-    "os": {"io", "cli", "bench", "batch"}, "tempfile": {"io"}, "time": {"inference.effects_choice.choose", "inference.sampling.ensembles", "io.checkpoint", "workflow.fitting", "verbs.terminal", "bench", "batch"},
+    "os": {"io", "cli", "bench", "batch", "verbs.terminal"}, "tempfile": {"io"}, "time": {"inference.effects_choice.choose", "inference.sampling.ensembles", "io.checkpoint", "workflow.fitting", "verbs.terminal", "bench", "batch"},
 }  # fmt: skip
 """What only these parts import, wherever it is imported at all."""
 

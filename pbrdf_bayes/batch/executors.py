@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from pbrdf_bayes.batch.outcome import Row
-from pbrdf_bayes.batch.shared_folder import sees_mark
-from pbrdf_bayes.batch.work import ONE_THREAD, Task, prepare_worker, run_task
+from pbrdf_bayes.batch.work import ONE_THREAD, Task, prepare_worker, run_task, sees_mark
 from pbrdf_bayes.errors import ConfigError
 
 CONNECT_SECONDS = 10.0

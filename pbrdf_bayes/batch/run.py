@@ -12,14 +12,18 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from pbrdf_bayes.batch.at_work import forget, forget_all, look
 from pbrdf_bayes.batch.executors import Crew, cluster_crew, local_crew
 from pbrdf_bayes.batch.index import INDEX_FILES, write_index
 from pbrdf_bayes.batch.outcome import FAILED, Row, failed_row, open_row, repeat_row
 from pbrdf_bayes.batch.plan import Job, plan_batch
-from pbrdf_bayes.batch.progress import Progress, estimate_left
-from pbrdf_bayes.batch.shared_folder import SHARE, leave_mark, remove_mark, sees_run
-from pbrdf_bayes.batch.work import Task, finished_before
+from pbrdf_bayes.batch.work import (
+    SHARE,
+    Task,
+    finished_before,
+    leave_mark,
+    remove_mark,
+    sees_run,
+)
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.document import Document, refuse_shared_items
 from pbrdf_bayes.errors import ClusterError, ConfigError, PbrdfError
@@ -36,6 +40,56 @@ _INDEX_AT_LEAST_EVERY = 60.0
 """Also where no sample is done, so that its readers see that the batch goes on."""
 _LOOK_EVERY = 0.5
 Rows = dict[int, Row]
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a batch is.
+
+    Attributes
+    ----------
+    row : mapping or None
+        What has just come out; None at the start and in between.
+    n_done, n_samples : int
+        Samples that have their row, and all.
+    running : tuple of tuple
+        Name of each sample that is being fitted, at most one for each worker, and for how long [s].
+    seconds_left : float or None
+        None until the first sample is done.
+    n_workers : int
+    """
+
+    row: Row | None
+    n_done: int
+    n_samples: int
+    running: tuple[tuple[str, float], ...]
+    seconds_left: float | None
+    n_workers: int = 1
+
+
+def estimate_left(elapsed: float, *, n_computed: int, n_left: int, n_running: int) -> float | None:
+    """Time left [s] at the pace so far, samples being fitted taken as half done.
+
+    Parameters
+    ----------
+    elapsed : float
+        Since the first sample was handed over [s].
+    n_computed : int
+        Samples done in that time.
+    n_left : int
+        Samples not done, those being fitted among them.
+    n_running : int
+
+    Examples
+    --------
+    >>> estimate_left(60.0, n_computed=5, n_left=8, n_running=2)
+    70.0
+    >>> estimate_left(60.0, n_computed=0, n_left=8, n_running=2)
+    """
+    if not n_computed:
+        return None
+    half = n_running / 2.0
+    return elapsed * max(n_left - half, 0.0) / (n_computed + half)
 
 
 @dataclass(frozen=True)
@@ -177,6 +231,7 @@ class _Batch:
     interrupted: Callable[[], bool] | None
     rows: Rows = field(default_factory=dict)
     running: dict[Future[Row], int] = field(default_factory=dict)
+    handed: dict[int, float] = field(default_factory=dict)
     index_written: float = -float("inf")
     began: float = field(default_factory=time.monotonic)
     n_computed: int = 0
@@ -192,7 +247,6 @@ class _Batch:
                 waiting.append(i)
             else:
                 self.rows[i] = row
-        forget_all(self.out)
         self.n_workers = crew.n_workers
         try:
             self._write()
@@ -277,13 +331,13 @@ class _Batch:
                 broken = sorted(set(in_hand))
             self.running.clear()
             crew.stop(executor)
-            forget(self.out, [self.jobs[i].folder for i in in_hand])
         return broken
 
     def _submit(self, executor: Executor, crew: Crew, waiting: deque[int]) -> None:
         i = waiting[0]
         task = Task(self.jobs[i], self.out, self.config, self.seed, self.mark, self.paperwork)
         self.running[executor.submit(crew.work, task)] = i
+        self.handed[i] = time.monotonic()
         waiting.popleft()
 
     def _completed(self) -> Iterator[Future[Row]]:
@@ -313,18 +367,14 @@ class _Batch:
     def _tell(self, row: Row | None = None) -> None:
         if self.told is None:
             return
-        jobs = [self.jobs[i] for i in self.running.values()]
-        at_work = look(self.out, {job.folder: job.sample for job in jobs}, most=self.n_workers)
-        running = [one.sample for one in at_work] or [job.sample for job in jobs[: self.n_workers]]
+        now = time.monotonic()
+        in_hand = list(self.running.values())[: self.n_workers]
+        running = tuple((self.jobs[i].sample, now - self.handed[i]) for i in in_hand)
         left = estimate_left(
-            time.monotonic() - self.began, n_computed=self.n_computed,
+            now - self.began, n_computed=self.n_computed,
             n_left=len(self.jobs) - len(self.rows), n_running=len(running),
         )  # fmt: skip
-        self.told(
-            Progress(
-                row, len(self.rows), len(self.jobs), tuple(running), left, self.n_workers, at_work
-            )
-        )
+        self.told(Progress(row, len(self.rows), len(self.jobs), running, left, self.n_workers))
 
     def _write(self, *, whole: bool = False) -> None:
         """The index, at most every five seconds while the batch runs, and ``whole`` at its end."""

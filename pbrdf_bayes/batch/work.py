@@ -3,26 +3,36 @@
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import multiprocessing
 import os
+import secrets
 import signal
+import socket
 import threading
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pbrdf_bayes.batch.at_work import forget, stage_writer
 from pbrdf_bayes.batch.outcome import DONE, SKIPPED, Row, failed_row, finished_row, noted
-from pbrdf_bayes.batch.own_report import KEPT, is_own_report, note_report
 from pbrdf_bayes.batch.plan import Job
-from pbrdf_bayes.batch.shared_folder import blind_to, sees_mark
 from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.errors import PbrdfError, RunFolderError
 from pbrdf_bayes.io.checkpoint import has_checkpoints, remove_checkpoints_of_other_files
-from pbrdf_bayes.io.run_folder import damage_of, is_finished, load_summary, locked
-from pbrdf_bayes.workflow.fitting import Observer, fit_into
+from pbrdf_bayes.io.run_folder import (
+    PDF,
+    REPORT,
+    SUMMARY,
+    damage_of,
+    is_finished,
+    load_summary,
+    locked,
+    write_text,
+)
+from pbrdf_bayes.workflow.fitting import fit_into
 from pbrdf_bayes.workflow.paperwork import Paperwork, amend_folder
 
 ONE_THREAD = dict.fromkeys(
@@ -33,6 +43,19 @@ ONE_THREAD = dict.fromkeys(
     "1",
 )  # fmt: skip
 """Environment of a worker: as many processes as cores, so one thread each."""
+KEPT = (
+    "Its report was made by other means since the batch made one, and is kept with its verdict. "
+    f"Remove {REPORT} and {PDF} from its folder to have that of the batch with --resume."
+)
+SHARE = (
+    "All workers must share it under the same path, on a network file system: give an --out that "
+    "they share"
+)
+SEEN_WITHIN = 10.0
+"""Time that a network file system may take to show a file everywhere [s]."""
+_LOOK_EVERY = 0.1
+_MARK = ".batch"
+_NOTE = ".batch_report"
 
 
 @dataclass(frozen=True)
@@ -75,9 +98,9 @@ def run_task(task: Task) -> Row:
     assert m is not None
     status, notice = DONE, ""
     if not sees_mark(task.out, task.mark):
-        return failed_row(job, blind_to(task.out), seconds=time.perf_counter() - started)
-    told = stage_writer(task.out, job.folder)
-    told("start")
+        worker = f"worker {socket.gethostname()} {os.getpid()}"
+        error = f"{worker} does not see the folder of this batch, {task.out}. {SHARE}"
+        return failed_row(job, error, seconds=time.perf_counter() - started)
     try:
         folder = own_folder(task.out, job.folder)
         if not _is_done(folder):  # it is where the process ended before it could say so
@@ -85,13 +108,11 @@ def run_task(task: Task) -> Row:
                 with locked(folder):
                     remove_checkpoints_of_other_files(folder, m.sha256)
             run = fit_into(
-                folder, m, task.config, seed=task.seed, resume=True, paperwork=wanted, brief=True,
-                observer=Observer(stage=told),
-            )  # fmt: skip
+                folder, m, task.config, seed=task.seed, resume=True, paperwork=wanted, brief=True
+            )
             note_report(folder)
             notice = run.notice
         elif wanted.amends:
-            told("judge")
             amend_folder(folder, wanted, brief=True)
             note_report(folder)
             status = SKIPPED
@@ -105,7 +126,6 @@ def run_task(task: Task) -> Row:
         text = f"{type(error).__name__}: {error}. Fit this sample alone to see where it happens"
         return failed_row(job, text, seconds=time.perf_counter() - started)
     finally:
-        forget(task.out, [job.folder])
         _give_back_memory()
     return row
 
@@ -168,3 +188,70 @@ def own_folder(out: Path, name: str) -> Path:
         )
         raise RunFolderError(msg)
     return folder
+
+
+def note_report(folder: Path) -> None:
+    """Leave in the run folder which report the batch has made.
+
+    Raises
+    ------
+    RunFolderError
+    """
+    write_text(folder / _NOTE, _digest(folder / REPORT))
+
+
+def is_own_report(folder: Path) -> bool:
+    """Whether the batch made the report of a run, so that it may replace it.
+
+    A report issued since, with `report`, `conform --save` or `fit`, is somebody else's document.
+    One without a note is of a process that died.
+    """
+    if (folder / PDF).exists():
+        return False
+    with suppress(FileNotFoundError):
+        return (folder / _NOTE).read_bytes() == _digest(folder / REPORT).encode()
+    return True
+
+
+def _digest(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def leave_mark(out: Path) -> str:
+    """Write something into the folder of the batch that no other folder has; returns it.
+
+    A worker on another machine may have a folder of that name on a disk of its own: it looks for
+    the mark, and the client looks for the runs.
+    """
+    mark = secrets.token_hex(16)
+    write_text(out / _MARK, mark)
+    return mark
+
+
+def remove_mark(out: Path) -> None:
+    """When the batch has ended."""
+    with suppress(OSError):
+        (out / _MARK).unlink(missing_ok=True)
+
+
+def sees_mark(out: Path, mark: str) -> bool:
+    """Whether this process sees the folder that the mark was left in, perhaps after a while."""
+    return _appears(out / _MARK, mark.encode())
+
+
+def sees_run(out: Path, run: str) -> bool:
+    """Whether the summary of a run is to be seen from here, perhaps after a while."""
+    return _appears(out / run / SUMMARY)
+
+
+def _appears(path: Path, content: bytes | None = None) -> bool:
+    until = time.monotonic() + SEEN_WITHIN
+    while True:
+        with suppress(OSError):
+            os.listdir(path.parent)  # noqa: PTH208 - a network file system asks again for it
+            with path.open("rb") as file:
+                if content is None or file.read(len(content) + 1) == content:
+                    return True
+        if time.monotonic() >= until:
+            return False
+        time.sleep(_LOOK_EVERY)

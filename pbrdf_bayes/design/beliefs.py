@@ -321,7 +321,7 @@ def draw_nuisance(
         x = p.from_coordinates(z)
         log_weights = np.where(np.isfinite(p.log_prior(x)), 0.0, -np.inf).reshape(len(outer), n)
     else:
-        z, log_weights, _ = _proposed(beliefs, z, other, rng)
+        z, log_weights = _proposed(beliefs, z, other, rng)
         x = p.from_coordinates(z)
         log_weights = log_weights.reshape(len(outer), n)
     total = cast("Array", np.logaddexp.reduce(log_weights, axis=1, keepdims=True))
@@ -332,10 +332,10 @@ def draw_nuisance(
 
 def _proposed(
     beliefs: Beliefs, z: Array, other: NDArray[np.int64], rng: np.random.Generator
-) -> tuple[Array, Array, float]:
+) -> tuple[Array, Array]:
     """The sets with other nuisance by the conditional normal law of the draws.
 
-    With the log of the density over that of the proposal, but for a constant that is the third.
+    With the log of the density over that of the proposal, but for a constant.
     """
     p, about = beliefs.posterior, beliefs.columns_about
     s, mean = beliefs.covariance, p.to_coordinates(beliefs.x).mean(axis=0)
@@ -346,20 +346,4 @@ def _proposed(
     moved = z.copy()
     moved[:, other] = mean[other] + (z[:, about] - mean[about]) @ to_other + normal @ factor.T
     log_weights = beliefs.log_density(p.from_coordinates(moved)) + 0.5 * np.sum(normal**2, axis=1)
-    size = np.sum(np.log(np.diag(factor))) + 0.5 * other.size * np.log(2.0 * np.pi)
-    return moved, np.asarray(log_weights), float(size)
-
-
-def log_marginal(beliefs: Beliefs, x: Array, n: int, rng: np.random.Generator) -> Array:
-    """Log-density in z of what the information is about, the nuisance integrated out, (n_sets,).
-
-    As `Beliefs.log_density`, but for the same constant; by importance sampling with n draws each.
-    """
-    z = beliefs.posterior.to_coordinates(x)
-    other = np.setdiff1d(np.arange(z.shape[1]), beliefs.columns_about)
-    if not other.size:
-        return beliefs.log_density(x)
-    _, log_weights, size = _proposed(beliefs, np.repeat(z, n, axis=0), other, rng)
-    log_weights = np.where(np.isfinite(log_weights), log_weights, -np.inf)
-    every = np.logaddexp.reduce(log_weights.reshape(len(x), n), axis=1)
-    return np.asarray(every - np.log(n) + size)
+    return moved, np.asarray(log_weights)

@@ -1,9 +1,9 @@
-"""Every candidate put to the same draws: its expected information gain and what it sharpens."""
+"""The refining estimate: every candidate put to the same draws, its gain and what it sharpens."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -11,13 +11,6 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.design.beliefs import Beliefs, DrawnSets, Nuisance, draw_nuisance, draw_sets
 from pbrdf_bayes.design.candidates import Candidate
-from pbrdf_bayes.design.fisher import (
-    Told,
-    hemispherical_told,
-    linear_gain,
-    moved_sets,
-    scan_precisions,
-)
 from pbrdf_bayes.design.hemispherical import (
     GainLaw,
     draw_hemispherical,
@@ -25,30 +18,30 @@ from pbrdf_bayes.design.hemispherical import (
     hemispherical_log_likelihoods,
     hemispherical_values,
 )
-from pbrdf_bayes.design.nested import (
-    Gain,
-    PairTable,
-    Spread,
-    expected_gain,
-    expected_spread,
+from pbrdf_bayes.design.linear import (
+    Paints,
+    Told,
+    bright_readings,
+    paints_of,
+    told_by_hemisphere,
+    told_by_scan,
 )
+from pbrdf_bayes.design.nested import Gain, PairTable, Spread, expected_gain, expected_spread
 from pbrdf_bayes.design.scans import (
     PlannedScan,
     RowLaw,
     draw_scans,
     law_of_rows,
     plan_scan,
-    scan_geometry,
     scan_log_likelihoods,
 )
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.quantities import POLARIZATIONS
-from pbrdf_bayes.readings.observation import reading_law
 
 Array = NDArray[np.float64]
 
 N_LINEAR, FEWEST_LINEAR = 48, 12
-"""Draws of tier 0 and of the local normal law, and of these where there are many candidates."""
+"""Draws of the linear law, and of it where there are many candidates."""
 _NUISANCE_OF_PRIOR = 64
 """Noises that only have a prior span decades: some draws must be like the one that was true."""
 _STREAMS = {"outer": 30, "nuisance": 31, "hemispherical": 32}
@@ -67,11 +60,8 @@ class Stage:
         How often the inner sets were drawn, normalised; None where none was drawn twice.
     nuisance : Nuisance or None
         Other nuisance for every outer set; None where nothing is nuisance.
-    linear : DrawnSets
-        Some of the sets, for tier 0.
-    moved : ndarray
-        `moved_sets` of these.
-    steps : ndarray, shape (n_model,)
+    paints : Paints
+        The first outer sets, for the linear law.
     seed : int
     """
 
@@ -80,9 +70,7 @@ class Stage:
     inner: DrawnSets
     inner_weights: Array | None
     nuisance: Nuisance | None
-    linear: DrawnSets
-    moved: Array
-    steps: Array
+    paints: Paints
     seed: int
 
     @cached_property
@@ -139,22 +127,11 @@ def set_stage(
     rng = np.random.default_rng([seed, _STREAMS["nuisance"]])
     outer = draw_sets(beliefs, np.ascontiguousarray(distinct[pool]), rng)
     inner = draw_sets(beliefs, np.ascontiguousarray(distinct[other]), rng)
-    linear = outer.take(slice(0, n_linear))
-    moved, steps = moved_sets(beliefs, linear.x)
     n = max(n_nuisance, _NUISANCE_OF_PRIOR) if beliefs.scans_of_prior else n_nuisance
-    nuisance = draw_nuisance(beliefs, outer.x, n, rng)
-    return Stage(beliefs, outer, inner, inner_weights, nuisance, linear, moved, steps, seed)
-
-
-@dataclass(frozen=True, eq=False)
-class Hemispherical:
-    """A simulated DHR or DDR reading, and the model there under all sets."""
-
-    polarization: str
-    y: Array
-    own: Array
-    inner: Array
-    nuisance: Array | None
+    return Stage(
+        beliefs, outer, inner, inner_weights, draw_nuisance(beliefs, outer.x, n, rng),
+        paints_of(beliefs, outer.take(slice(0, n_linear))), seed,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,17 +142,13 @@ class Evaluated:
     ----------
     candidate : Candidate
     gain : Gain
-        Tier 1: nested Monte Carlo; tier 2 or the local normal law where that fails.
+        By nested Monte Carlo; by the linear law where next to no draws are left.
     spread : Spread
         Variance after over before, of parameters and goals.
-    table : PairTable or None
-        Kept for batches.
-    reading : Hemispherical or None
-        Of a DHR or DDR, kept for batches.
-    told : Told or None
-        For the local normal law.
+    told : Told
+        For the linear law.
     local_nats : float or None
-        Gain by the local normal law, where that was computed [nat].
+        Gain by the linear law, where the bracket of the nested estimate is wide [nat].
     local_spread : bool
         Whether ``spread`` is of that law.
     """
@@ -183,52 +156,15 @@ class Evaluated:
     candidate: Candidate
     gain: Gain
     spread: Spread
-    table: PairTable | None = None
-    reading: Hemispherical | None = None
-    told: Told | None = None
+    told: Told
     local_nats: float | None = None
     local_spread: bool = False
 
 
-def bright_readings(stage: Stage, candidate: Candidate) -> NDArray[np.bool_]:
-    """Readings of a scan expected above the instrument's floor."""
-    angles = np.array(candidate.theta_r_deg)
-    floor = stage.beliefs.posterior.config.brdf_floor
-    if floor == 0.0:
-        return np.ones(angles.size, dtype=bool)
-    there = scan_geometry(candidate.theta_i_deg, angles, candidate.polarization)
-    brdf = stage.beliefs.posterior.predict(stage.linear.x, there)[0]
-    return np.asarray(reading_law(np.median(brdf, axis=0), floor).share > 0.5)
-
-
-def told_by(stage: Stage, candidate: Candidate) -> Told:
-    """What a candidate tells at each of the draws of tier 0."""
-    b = stage.beliefs
-    if candidate.quantity != "brdf":
-        return hemispherical_told(b, candidate, stage.linear, stage.moved, stage.steps)
-    bright = bright_readings(stage, candidate)
-    if not bright.any():
-        return Told(np.zeros((len(stage.linear), stage.steps.size, stage.steps.size)))
-    planned = plan_scan(b, candidate, bright)
-    predict = b.posterior.predict
-    return Told(scan_precisions(
-        b, planned, stage.linear, predict(stage.linear.x, planned.geometry)[0],
-        predict(stage.moved, planned.geometry)[0], stage.steps,
-    ))  # fmt: skip
-
-
-def linear_gains(stage: Stage, told: Told) -> Array:
-    """Tier 0 of a candidate at each of the draws, shape (n_linear,) [nat]."""
-    p = stage.beliefs.posterior
-    precision = np.zeros((len(told.precision), len(p.free), len(p.free)))
-    precision[:, p.of_model[:, None], p.of_model] = told.precision
-    return linear_gain(stage.beliefs.covariance, precision, stage.beliefs.columns_about)
-
-
-def evaluate(
-    stage: Stage, candidate: Candidate, own: Array, inner: Array, *, keep: bool
-) -> Evaluated:
-    """Tier 1 of a candidate.
+def nested_estimate(
+    stage: Stage, candidate: Candidate, own: Array, inner: Array
+) -> tuple[Gain, Spread]:
+    """Gain of a candidate by nested Monte Carlo, and what it leaves of the variances.
 
     Parameters
     ----------
@@ -236,30 +172,18 @@ def evaluate(
     candidate : Candidate
     own, inner : ndarray, shapes (n_outer, n_quantities) and (n_inner, n_quantities)
         Parameters and goals at the draws.
-    keep : bool
-        Keep the tables, for batches.
 
     Returns
     -------
-    Evaluated
+    tuple of Gain and Spread
     """
-    reading = None
-    if candidate.quantity == "brdf":
-        table = _scan_table(stage, candidate)
-    else:
-        reading = read_hemispherical(stage, candidate)
-        table = hemispherical_table(stage, [reading])
-    gain = expected_gain(table, keep_weights=True)
-    assert gain.weights is not None
-    spread = expected_spread(gain.weights, own, inner, stage.inner_weights)
-    kept = replace(table, inner=table.inner.astype(np.float32)) if keep else None
-    gain = replace(gain, weights=None)
-    return Evaluated(candidate, gain, spread, kept, reading if keep else None)
+    gain, weights = expected_gain(LAWS[candidate.quantity].table(stage, candidate))
+    return gain, expected_spread(weights, own, inner, stage.inner_weights)
 
 
 def _scan_table(stage: Stage, candidate: Candidate) -> PairTable:
     b = stage.beliefs
-    bright = bright_readings(stage, candidate)
+    bright = bright_readings(stage.paints, candidate)
     if not bright.any():
         return _empty_table(stage)
     planned = plan_scan(b, candidate, bright)
@@ -292,50 +216,33 @@ def _nuisance_law(stage: Stage, planned: PlannedScan, own: RowLaw) -> RowLaw:
     return own.with_noise_of(sets, planned.polarization)
 
 
-def read_hemispherical(stage: Stage, candidate: Candidate, *, again: int = 0) -> Hemispherical:
-    """Simulate a DHR or DDR reading for every outer set; one taken again has noise of its own."""
-    b, q = stage.beliefs, candidate.polarization
-    own = hemispherical_values(b.posterior, candidate, stage.outer.x)
+def draw_reading(stage: Stage, candidate: Candidate, own: Array) -> Array:
+    """A simulated DHR or DDR reading for every outer set, of which the model gives ``own``."""
+    q = candidate.polarization
     seed = (stage.seed, _STREAMS["hemispherical"], POLARIZATIONS.index(q))
-    nuisance = None
-    if stage.nuisance is not None:
-        sets = stage.nuisance.sets
-        nuisance = np.repeat(own, len(sets) // len(own))
-        if stage.mean_needs_nuisance:
-            nuisance = hemispherical_values(b.posterior, candidate, sets.x)
-    return Hemispherical(
-        polarization=q,
-        y=draw_hemispherical(
-            own,
-            stage.gains[q][0],
-            stage.outer,
-            seed=seed,
-            key=(*candidate.geometry, *([again] if again else [])),
-        ),
-        own=own,
-        inner=hemispherical_values(b.posterior, candidate, stage.inner.x),
-        nuisance=nuisance,
+    return draw_hemispherical(
+        own, stage.gains[q][0], stage.outer, seed=seed, key=candidate.geometry
     )
 
 
-def hemispherical_table(stage: Stage, readings: Sequence[Hemispherical]) -> PairTable:
-    """Log-densities of readings of one polarisation together: they share a gain."""
-    outer, inner, beside = stage.gains[readings[0].polarization]
-    y = [r.y for r in readings]
+def _hemispherical_table(stage: Stage, candidate: Candidate) -> PairTable:
+    p = stage.beliefs.posterior
+    outer, inner, beside = stage.gains[candidate.polarization]
+    own = hemispherical_values(p, candidate, stage.outer.x)
+    y = draw_reading(stage, candidate, own)
     nuisance, log_weights = None, None
     if stage.nuisance is not None and beside is not None:
-        values = [r.nuisance for r in readings if r.nuisance is not None]
-        nuisance = hemispherical_log_likelihoods(
-            y, values, beside, stage.nuisance.sets, matched=True
-        )
-        log_weights = stage.nuisance.log_weights
-    own = hemispherical_log_likelihoods(
-        y, [r.own for r in readings], outer, stage.outer, matched=True
-    )
-    others = hemispherical_log_likelihoods(
-        y, [r.inner for r in readings], inner, stage.inner, matched=False
-    )
-    return PairTable(own[:, 0], others, nuisance, log_weights, stage.inner_weights)
+        sets, log_weights = stage.nuisance.sets, stage.nuisance.log_weights
+        value = np.repeat(own, len(sets) // len(own))
+        if stage.mean_needs_nuisance:
+            value = hemispherical_values(p, candidate, sets.x)
+        nuisance = hemispherical_log_likelihoods([y], [value], beside, sets, matched=True)
+    there = hemispherical_values(p, candidate, stage.inner.x)
+    return PairTable(
+        own=hemispherical_log_likelihoods([y], [own], outer, stage.outer, matched=True)[:, 0],
+        inner=hemispherical_log_likelihoods([y], [there], inner, stage.inner, matched=False),
+        nuisance=nuisance, log_weights=log_weights, inner_weights=stage.inner_weights,
+    )  # fmt: skip
 
 
 def _empty_table(stage: Stage) -> PairTable:
@@ -345,3 +252,32 @@ def _empty_table(stage: Stage) -> PairTable:
         return PairTable(np.zeros(n), np.zeros((n, m)))
     log_weights = stage.nuisance.log_weights
     return PairTable(np.zeros(n), np.zeros((n, m)), np.zeros(log_weights.shape), log_weights)
+
+
+@dataclass(frozen=True)
+class KindLaw:
+    """How both estimates see the candidates of one quantity.
+
+    Attributes
+    ----------
+    told : callable
+        What one tells at each of the paints, linearised.
+    table : callable
+        Log-densities of its simulated readings.
+    """
+
+    told: Callable[[Paints, Candidate], Told]
+    table: Callable[[Stage, Candidate], PairTable]
+
+
+LAWS = {
+    "brdf": KindLaw(told_by_scan, _scan_table),
+    "dhr": KindLaw(told_by_hemisphere, _hemispherical_table),
+    "ddr": KindLaw(told_by_hemisphere, _hemispherical_table),
+}
+"""By the quantity of a candidate: the planned ones of `pbrdf_bayes.quantities`."""
+
+
+def told_by(stage: Stage, candidate: Candidate) -> Told:
+    """What a candidate tells at each of the paints."""
+    return LAWS[candidate.quantity].told(stage.paints, candidate)

@@ -1,4 +1,4 @@
-"""Predictions that a measurement is meant to sharpen: their names and their values at draws."""
+"""What a measurement sharpens: parameters, and predictions that are wanted, at the draws."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pbrdf_bayes.design.beliefs import Beliefs
 from pbrdf_bayes.design.candidates import Candidate
+from pbrdf_bayes.design.evaluate import Stage
 from pbrdf_bayes.design.hemispherical import hemispherical_values, of_sample
 from pbrdf_bayes.design.scans import scan_geometry
 from pbrdf_bayes.errors import ConfigError
@@ -118,6 +119,50 @@ def values_of(beliefs: Beliefs, goals: Sequence[Goal], x: Array) -> tuple[Array,
         found.append(goal_values(p, goal, x))
         names += [goal.label] * found[-1].shape[1]
     return np.concatenate(found, axis=1), tuple(names)
+
+
+@dataclass(frozen=True, eq=False)
+class Quantities:
+    """Parameters and goals at the draws of a stage; a scan has several columns, together one name.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Parameters that the information is about, then goals.
+    own, inner : ndarray, shapes (n_outer, n_columns) and (n_inner, n_columns)
+    slopes : ndarray, shape (n_paints, n_columns, n_model)
+        At the paints of the linear law.
+    variance : ndarray, shape (n_columns,)
+        Before the measurement.
+    groups : tuple of ndarray of int
+        Columns of each name.
+    """
+
+    names: tuple[str, ...]
+    own: Array
+    inner: Array
+    slopes: Array
+    variance: Array
+    groups: tuple[NDArray[np.int64], ...]
+
+    @property
+    def sd(self) -> Array:
+        """Standard deviation of each name before the measurement."""
+        return np.array([np.sqrt(self.variance[at].mean()) for at in self.groups])
+
+
+def quantities_of(stage: Stage, goals: Sequence[Goal]) -> Quantities:
+    """Parameters that the information is about, then goals, at the draws of a stage."""
+    (own, columns), (inner, _), (moved, _) = (
+        values_of(stage.beliefs, goals, x)
+        for x in (stage.outer.x, stage.inner.x, stage.paints.moved)
+    )
+    names = tuple(dict.fromkeys(columns))
+    return Quantities(
+        names, own, inner, stage.paints.slopes(moved),
+        np.concatenate([own, inner]).var(axis=0, ddof=1),
+        tuple(np.flatnonzero(np.array(columns) == name) for name in names),
+    )  # fmt: skip
 
 
 def _angle(text: str, word: str, low: float, high: float) -> float:

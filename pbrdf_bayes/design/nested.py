@@ -37,11 +37,11 @@ Array = NDArray[np.float64]
 
 _TINY = 1e-300
 WIDE = 0.3
-"""Bracket [nat] beyond which a candidate needs inner draws of its own, and ties by its ends."""
+"""Bracket [nat] beyond which it says more of the error than the scatter of the readings."""
 UNBOUNDED = 1.0
-"""Bracket [nat] beyond which its middle means nothing: the local normal law is what is told."""
-NESTED, REFINED, LOCAL = "nested", "refined", "local"
-"""Methods of an estimate: tier 1, tier 2, the local normal approximation."""
+"""Bracket [nat] beyond which its middle means nothing: the linear law stands in."""
+NESTED, LOCAL = "nested", "local"
+"""Methods of an estimate: nested Monte Carlo, the local normal approximation."""
 LEAST_DRAWS = 10.0
 """Effective draws below which draws tell neither a standard deviation nor a sum of gains."""
 
@@ -70,16 +70,6 @@ class PairTable:
     log_weights: Array | None = None
     inner_weights: Array | None = None
 
-    def __add__(self, other: PairTable) -> PairTable:
-        """Of both measurements together: given all parameters they are independent."""
-        nuisance = None
-        if self.nuisance is not None and other.nuisance is not None:
-            nuisance = self.nuisance + other.nuisance
-        return PairTable(
-            self.own + other.own, self.inner + other.inner, nuisance, self.log_weights,
-            self.inner_weights,
-        )  # fmt: skip
-
 
 @dataclass(frozen=True, eq=False)
 class Gain:
@@ -99,13 +89,9 @@ class Gain:
     terms : ndarray, shape (n_outer,)
         Contributions of the outer draws to ``eig``, for paired comparisons.
     inner : ndarray, shape (n_inner,), or None
-        How much each inner draw moves ``eig``; None where every reading has draws of its own.
-    weights : ndarray, shape (n_outer, 1 + n_inner), or None
-        Of the own and the inner draws after each simulated reading, where they were kept.
-    method : {"nested", "refined", "local"}
-        Tier 1; tier 2; the local normal approximation, ``low`` and ``high`` those of the others.
-    alone : float
-        The part of ``se`` that the terms do not show and no other candidate shares.
+        How much each inner draw moves ``eig``; None of the local normal approximation.
+    method : {"nested", "local"}
+        Of ``eig``; ``low`` and ``high`` are nested estimates always.
     """
 
     eig: float
@@ -115,9 +101,7 @@ class Gain:
     ess: float
     terms: Array
     inner: Array | None = None
-    weights: Array | None = None
     method: str = NESTED
-    alone: float = 0.0
 
     @property
     def wide(self) -> bool:
@@ -125,19 +109,24 @@ class Gain:
         return self.high - self.low > WIDE
 
     @property
-    def bounded(self) -> bool:
-        """Whether the middle of the bracket means nothing."""
-        return self.high - self.low > UNBOUNDED
+    def lost(self) -> bool:
+        """Whether the middle of the bracket means nothing, or next to no draw is left."""
+        return self.wide and (self.high - self.low > UNBOUNDED or self.ess < LEAST_DRAWS)
 
 
-def expected_gain(table: PairTable, *, keep_weights: bool = False) -> Gain:
+def expected_gain(table: PairTable) -> tuple[Gain, Array]:
     """Bracket and middle of the expected information gain.
+
+    Returns
+    -------
+    tuple of Gain and ndarray, shape (n_outer, 1 + n_inner)
+        With the weights of the own and the inner draws after each simulated reading.
 
     Examples
     --------
     Readings that do not depend on the parameters tell nothing:
 
-    >>> gain = expected_gain(PairTable(np.full(3, -1.0), np.full((3, 5), -1.0)))
+    >>> gain, _ = expected_gain(PairTable(np.full(3, -1.0), np.full((3, 5), -1.0)))
     >>> abs(gain.low) < 1e-12, abs(gain.high) < 1e-12, round(gain.ess, 6)
     (True, True, 6.0)
     """
@@ -148,33 +137,16 @@ def expected_gain(table: PairTable, *, keep_weights: bool = False) -> Gain:
         low, high = low - most, high - least
     terms = 0.5 * (low + high)
     inner = _moved_by_inner(table, weights)
-    return Gain(
+    gain = Gain(
         eig=float(terms.mean()),
-        se=_error(terms, inner),
+        se=float(np.sqrt(terms.var(ddof=1) / terms.size + np.sum(inner**2))),
         low=float(low.mean()),
         high=float(high.mean()),
         ess=float(np.median(1.0 / np.sum(weights**2, axis=1))),
         terms=terms,
         inner=inner,
-        weights=weights if keep_weights else None,
     )
-
-
-def difference(gain: Gain, other: Gain | None) -> tuple[float, float]:
-    """How much more one gain is than another from the same draws, and the standard error."""
-    if other is None:
-        return gain.eig, gain.se
-    inner = None
-    if gain.inner is not None and other.inner is not None:
-        inner = gain.inner - other.inner
-    away = gain.terms - other.terms
-    return float(away.mean()), _error(away, inner)
-
-
-def _error(terms: Array, inner: Array | None) -> float:
-    """Standard error of a mean over readings, with the luck of the inner draws."""
-    of_inner = 0.0 if inner is None else float(np.sum(inner**2))
-    return float(np.sqrt(terms.var(ddof=1) / terms.size + of_inner))
+    return gain, weights
 
 
 def _moved_by_inner(table: PairTable, weights: Array) -> Array:
@@ -210,31 +182,11 @@ def information_terms(
         Both estimates, and the weights of (own, others) after each reading.
     """
     n = others.shape[1]
-    every = np.concatenate([own[:, None], others], axis=1).astype(np.float64)
-    log_share = np.zeros(every.shape)
+    log_density = np.concatenate([own[:, None], others], axis=1).astype(np.float64)
+    log_share = np.zeros(log_density.shape)
     if log_weights is not None:
         log_share[:, 1:] = np.log(n) + log_weights
-    return bracket(every, log_share, np.exp(log_share))
-
-
-def bracket(log_density: Array, log_share: Array, counted: Array) -> tuple[Array, Array, Array]:
-    """Both estimates from all draws of a reading, the one that it came from among them.
-
-    Parameters
-    ----------
-    log_density : ndarray, shape (n_outer, n)
-        Of the reading under each draw.
-    log_share : ndarray, shape (n_outer, n)
-        Of the law of the parameters over that of the draws.
-    counted : ndarray, shape (n_outer, n)
-        What each draw counts in the mean of shares times densities: its share, or 1 where the
-        shares are normalised.
-
-    Returns
-    -------
-    tuple of ndarray, shapes (n_outer,), (n_outer,) and (n_outer, n)
-        Contrastive and nested estimate, and the weights of the draws after the reading.
-    """
+    counted = np.exp(log_share)
     joint = log_density + log_share
     total = np.logaddexp.reduce(joint, axis=1, keepdims=True)
     weights = np.exp(joint - total)
@@ -262,7 +214,7 @@ class Spread:
     terms : ndarray, shape (n_outer, n_quantities)
         After each simulated reading; their mean is the expectation.
     inner : ndarray, shape (n_inner, n_quantities)
-        How much each inner draw moves the mean.
+        How much each inner draw moves the mean; a row of zeros where there is none.
     """
 
     terms: Array

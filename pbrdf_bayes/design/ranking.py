@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pbrdf_bayes.design.nested import LOCAL, Gain
+from pbrdf_bayes.design.nested import LOCAL, Gain, Spread
 
 Array = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ class Ranking:
 
 def rank(
     terms: Array, minutes: Array, *, per_minute: bool, seed: int, inner: Array | None = None,
-    reach: Array | None = None, alone: Array | None = None, se: Array | None = None,
+    reach: Array | None = None, se: Array | None = None,
 ) -> Ranking:  # fmt: skip
     """Rank candidates by their mean contributions.
 
@@ -68,8 +68,6 @@ def rank(
         How far the truth may lie below and above the mean where a bracket is wide, else 0. Where
         brackets of the best ones overlap nothing is known of their order: they share ``p_best``
         evenly.
-    alone : ndarray, shape (n_candidates,), optional
-        Standard error of a mean that its terms do not show and that it shares with no other.
     se : ndarray, shape (n_candidates,), optional
         Standard error of each mean, where it rests on more than ``terms``.
 
@@ -82,8 +80,6 @@ def rank(
     value = utility.mean(axis=1)
     n = utility.shape[1]
     moved = np.zeros((len(value), 1)) if inner is None else inner * each[:, None]
-    if alone is not None:
-        moved = np.hstack([moved, np.diag(alone * each)])
     below, above = np.zeros((2, len(value))) if reach is None else (reach * each[:, None]).T
     best = int(np.argmax(value))
     drawn = _drawn_errors(utility, moved, seed)
@@ -102,22 +98,79 @@ def rank(
 
 
 def rank_gains(gains: Sequence[Gain], minutes: Array, *, per_minute: bool, seed: int) -> Ranking:
-    """Rank gains by readings that all share, about the mean over all of each: tier 2 has fewer.
+    """Rank gains by the paints that all share, about the mean of each: the linear law has fewer.
 
-    Of the local normal law the bracket says little.
+    Of the local normal approximation the bracket says little.
     """
-    n = min(g.terms.size for g in gains)
-    none = np.zeros(max((g.inner.size for g in gains if g.inner is not None), default=1))
     return rank(
-        np.array([g.terms[:n] - g.terms[:n].mean() + g.eig for g in gains]), minutes,
-        per_minute=per_minute, seed=seed,
-        inner=np.array([none if g.inner is None else g.inner for g in gains]),
+        _shared([g.terms for g in gains], [g.eig for g in gains]), minutes,
+        per_minute=per_minute, seed=seed, inner=_side_by_side([g.inner for g in gains]),
         reach=np.array([
             (g.eig - g.low, g.high - g.eig) if g.wide and g.method != LOCAL else (0.0, 0.0)
             for g in gains
         ]),
-        alone=np.array([g.alone for g in gains]), se=np.array([g.se for g in gains]),
+        se=np.array([g.se for g in gains]),
     )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class GoalRanking:
+    """Candidates by the share of the variance of a prediction that they are expected to take away.
+
+    Attributes
+    ----------
+    name : str
+    left, left_se : ndarray, shape (n_candidates,)
+        Variance after over before, and its standard error.
+    by_measurement, by_minute : Ranking
+    """
+
+    name: str
+    left: Array
+    left_se: Array
+    by_measurement: Ranking
+    by_minute: Ranking
+
+
+def rank_for_goal(
+    name: str, spreads: Sequence[Spread], minutes: Array, column: int, *, seed: int
+) -> GoalRanking:
+    """Rank all candidates for one prediction.
+
+    Parameters
+    ----------
+    name : str
+    spreads : sequence of Spread
+    minutes : ndarray, shape (n_candidates,)
+    column : int
+        Of the prediction among the quantities.
+    seed : int
+        Of the bootstrap.
+    """
+    left = np.array([spread.terms[:, column].mean() for spread in spreads])
+    inner = _side_by_side([-spread.inner[:, column] for spread in spreads])
+    variance = [spread.terms[:, column].var(ddof=1) / len(spread.terms) for spread in spreads]
+    se = np.sqrt(np.array(variance) + np.sum(inner**2, axis=1))
+    one, other = (
+        rank(
+            _shared([-spread.terms[:, column] for spread in spreads], 1.0 - left), minutes,
+            per_minute=flag, seed=seed, inner=inner, se=se,
+        )
+        for flag in (False, True)
+    )  # fmt: skip
+    return GoalRanking(name, left, se, one, other)
+
+
+def _shared(terms: Sequence[Array], means: Sequence[float] | Array) -> Array:
+    """Terms of the paints that all candidates share, moved to the means over all of each."""
+    n = min(t.size for t in terms)
+    return np.array([t[:n] - t[:n].mean() + mean for t, mean in zip(terms, means, strict=True)])
+
+
+def _side_by_side(moves: Sequence[Array | None]) -> Array:
+    """How much inner draws move the candidates, (n_candidates, n_inner); 0 where there are none."""
+    n = max((m.size for m in moves if m is not None), default=1)
+    return np.array([np.zeros(n) if m is None or m.size < n else m for m in moves])
 
 
 def _drawn_errors(utility: Array, moved: Array, seed: int) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TypeVar
@@ -20,27 +20,14 @@ from pbrdf_bayes.design.evaluate import (
     N_LINEAR,
     Evaluated,
     Stage,
-    evaluate,
-    linear_gains,
+    nested_estimate,
     set_stage,
     told_by,
 )
-from pbrdf_bayes.design.fisher import Told
-from pbrdf_bayes.design.for_goals import GoalRanking, rank_for_goal
-from pbrdf_bayes.design.goals import Goal
-from pbrdf_bayes.design.local import (
-    LocalLaw,
-    Slopes,
-    local_gain,
-    local_law,
-    local_spread,
-    slopes_of_quantities,
-    surprise,
-)
-from pbrdf_bayes.design.nested import LEAST_DRAWS, LOCAL, REFINED, Gain
-from pbrdf_bayes.design.quantities import Quantities, quantities_of, taken_from_goals
-from pbrdf_bayes.design.ranking import Ranking, rank_gains
-from pbrdf_bayes.design.refine import least_work, refined_gain, with_refined
+from pbrdf_bayes.design.goals import Goal, Quantities, quantities_of
+from pbrdf_bayes.design.linear import LinearLaw, Told, linear_law, linear_spread, stand_in
+from pbrdf_bayes.design.nested import LEAST_DRAWS, Spread
+from pbrdf_bayes.design.ranking import GoalRanking, Ranking, rank_for_goal, rank_gains
 from pbrdf_bayes.errors import ConfigError
 
 Array = NDArray[np.float64]
@@ -49,15 +36,9 @@ Result = TypeVar("Result")
 
 _MOST_EVALUATED = 240
 _MANY = 1000
-"""Candidates from which on tier 0 has fewer draws."""
-_KEPT = 24
+"""Candidates from which on the linear law has fewer paints."""
 USUAL_BATCH, MOST_TOGETHER = 4, 20
 """Measurements of a batch: without a budget, and at most."""
-_FEWEST_REFINED, _MOST_REFINED, _INNER_REFINED = 2, 8, 400
-_MOST_LEADERS = 8
-"""Candidates that tier 2 may take beyond these because they would lead."""
-_WORK_REFINED = 2e8
-"""Values of the model that tier 2 may compute in all, as long as it has the fewest candidates."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,10 +97,9 @@ class DesignResult:
     Attributes
     ----------
     evaluated : tuple of Evaluated
-        Candidates of tier 1, in the order given; where the bracket of tier 1 is wide, the most
-        promising ones by tier 2 and the others by the local normal law.
+        The most promising candidates, in the order given.
     linear, linear_se : ndarray, shape (n_candidates,)
-        Tier 0 of all candidates that were given [nat].
+        Linear estimate of all candidates that were given [nat].
     candidates : tuple of Candidate
         All that were given.
     chosen : ndarray of int
@@ -174,8 +154,8 @@ def design_measurements(
     ----------
     beliefs : Beliefs
     candidates : sequence of Candidate
-        Of many, the most promising by tier 0, and by the local normal law for each goal, go on to
-        tier 1.
+        All are screened by the linear law, for the parameters and for each goal; the most
+        promising ones are simulated.
     choices : DesignChoices, optional
     goals : sequence of Goal
         Predictions whose expected sharpening is wanted.
@@ -202,29 +182,26 @@ def design_measurements(
             n_linear=FEWEST_LINEAR if len(candidates) > _MANY else N_LINEAR,
         )  # fmt: skip
         aims = tuple(dict.fromkeys(goals))
+        quantities, law = quantities_of(stage, aims), linear_law(stage.paints)
         all_told = _each(lambda c: told_by(stage, c), candidates, wanted.threads, told, "screening")
-        linear = np.array([linear_gains(stage, t) for t in all_told])
+        linear = np.array([law.gain([t]) for t in all_told])
         level, minutes = linear.mean(axis=1), np.array([c.minutes for c in candidates])
         by_level = [level, level / minutes]
-        kept = set(_promising(by_level, _KEPT).tolist())
-        quantities = quantities_of(stage, aims)
-        law, slopes = local_law(stage), slopes_of_quantities(stage, aims, quantities.variance)
-        if len(candidates) > _MOST_EVALUATED:
-            taken = taken_from_goals(law, all_told, slopes, quantities, len(beliefs.about))
+        if len(candidates) > _MOST_EVALUATED and aims:
+            n = len(beliefs.about)
+            spreads = (_linear_spread(law, t, quantities) for t in all_told)
+            taken = np.array([1.0 - s.terms[:, n:].mean(axis=0) for s in spreads])
             by_level += [share for one in taken.T for share in (one, one / minutes)]
         chosen = _promising(by_level, _MOST_EVALUATED)
         evaluated = tuple(_each(
-            lambda i: _simulated(
-                stage, law, slopes, quantities, candidates[i], all_told[i], keep=i in kept
-            ),
+            lambda i: _evaluated(stage, law, quantities, candidates[i], all_told[i]),
             chosen.tolist(), wanted.threads, told, "simulating",
         ))  # fmt: skip
-        evaluated = _refined(stage, law, evaluated, wanted, told)
         told("combining", 0, 1)
-        batch = greedy_batch(stage, evaluated, minutes=wanted.minutes, most=wanted.most, law=law)
+        batch = greedy_batch(stage, law, evaluated, minutes=wanted.minutes, most=wanted.most)
         pairs = None
         if len(batch.members) > 1:
-            pairs = best_pair(stage, evaluated, minutes=wanted.minutes, law=law)
+            pairs = best_pair(stage, law, evaluated, minutes=wanted.minutes)
         told("combining", 1, 1)
     by_gain, by_minute = (
         rank_gains([e.gain for e in evaluated], minutes[chosen], per_minute=flag, seed=wanted.seed)
@@ -247,7 +224,10 @@ def design_measurements(
         batch=batch,
         pairs=pairs,
         goals=tuple(
-            rank_for_goal(name, evaluated, quantities.names.index(name), seed=wanted.seed)
+            rank_for_goal(
+                name, [e.spread for e in evaluated], minutes[chosen],
+                quantities.names.index(name), seed=wanted.seed,
+            )
             for name in dict.fromkeys(goal.label for goal in aims)
         ),
         about=beliefs.about,
@@ -259,94 +239,22 @@ def design_measurements(
     )  # fmt: skip
 
 
-def _simulated(
-    stage: Stage, law: LocalLaw, slopes: Slopes, quantities: Quantities, candidate: Candidate,
-    told: Told, *, keep: bool,
-) -> Evaluated:  # fmt: skip
-    """Tier 1; what is left by the local normal law where too few draws tell it."""
+def _evaluated(
+    stage: Stage, law: LinearLaw, quantities: Quantities, candidate: Candidate, told: Told
+) -> Evaluated:
+    """The nested estimate; the linear law where too few draws are left for it."""
     q = quantities
-    found = evaluate(stage, candidate, q.own, q.inner, keep=keep)
-    is_local = found.gain.ess < LEAST_DRAWS
-    spread = local_spread(law, told, slopes, len(q.inner)) if is_local else found.spread
-    return replace(
-        found, spread=spread.merged(q.groups, q.variance), told=told, local_spread=is_local
+    gain, spread = nested_estimate(stage, candidate, q.own, q.inner)
+    is_local = gain.ess < LEAST_DRAWS
+    spread = _linear_spread(law, told, q) if is_local else spread.merged(q.groups, q.variance)
+    nats = law.level + float(law.gain([told]).mean()) if gain.wide else None
+    return Evaluated(
+        candidate, stand_in(law, told, gain) if gain.lost else gain, spread, told, nats, is_local
     )
 
 
-def _refined(
-    stage: Stage, law: LocalLaw, evaluated: tuple[Evaluated, ...], wanted: DesignChoices,
-    told: Callable[[str, int, int], None],
-) -> tuple[Evaluated, ...]:  # fmt: skip
-    """Tier 2 for the most promising candidates whose bracket is wide, and for any that would lead.
-
-    For the others the local normal law, where next to no draws are left or the middle of the
-    bracket means nothing; the other wide ones keep it.
-    """
-    wide = np.flatnonzero([e.gain.wide and e.told is not None for e in evaluated])
-    if not wide.size:
-        return evaluated
-    known = surprise(stage)
-    found = list(evaluated)
-    terms = {}
-    for i in wide.tolist():
-        done = found[i]
-        assert done.told is not None
-        terms[i] = known - law.entropy([done.told])
-        gain = local_gain(terms[i], done.gain) if _is_few(done.gain) else done.gain
-        found[i] = replace(done, gain=gain, local_nats=float(terms[i].mean()))
-    level = np.array([found[i].gain.eig for i in wide])
-    minutes = np.array([e.candidate.minutes for e in evaluated])
-    best = _promising([level, level / minutes[wide]], _MOST_REFINED)
-    best = wide[best[np.argsort(-level[best], kind="stable")]]
-    needed = np.cumsum([least_work(stage, found[i].candidate) for i in best])
-    best = best[: max(_FEWEST_REFINED, int(np.searchsorted(needed, _WORK_REFINED)))]
-    share = _WORK_REFINED / len(best)
-
-    def refine(i: int) -> Evaluated:
-        done = found[i]
-        gain = refined_gain(stage, done.candidate, n_inner=_INNER_REFINED, most_work=share)
-        gain = with_refined(evaluated[i].gain, gain)
-        return replace(done, gain=local_gain(terms[i], gain) if gain.bounded else gain)
-
-    left, wanting = set(wide.tolist()), best.tolist()
-    most = len(best) + _MOST_LEADERS
-    while True:
-        finer = _each(refine, wanting, wanted.threads, told, "refining")
-        for i, e in zip(wanting, finer, strict=True):
-            found[i] = e
-        left -= set(wanting)
-        shown = _on_one_scale(evaluated, found, terms)
-        gains = np.array([e.gain.eig for e in shown])
-        leaders = {int(np.argmax(gains)), int(np.argmax(gains / minutes))}
-        wanting = sorted(leaders & left)
-        if not wanting or len(wide) - len(left) + len(wanting) > most:
-            return tuple(shown)
-
-
-def _is_few(gain: Gain) -> bool:
-    """Whether tier 1 leaves the local normal law to tell."""
-    return gain.bounded or gain.ess < LEAST_DRAWS
-
-
-def _on_one_scale(
-    before: Sequence[Evaluated], found: Sequence[Evaluated], terms: Mapping[int, Array]
-) -> list[Evaluated]:
-    """Local gains moved by the mean of what tier 2 found beyond them, its scatter in their error.
-
-    Else one that the local law sees too high would overtake those that tier 2 has corrected.
-    """
-    beyond = np.array([
-        found[i].gain.eig - of_local.mean() for i, of_local in terms.items()
-        if found[i].gain.method == REFINED and _is_few(before[i].gain)
-    ])  # fmt: skip
-    if beyond.size < _FEWEST_REFINED:
-        return list(found)
-    scatter = float(beyond.std(ddof=1) * np.sqrt(1.0 + 1.0 / beyond.size))
-    return [
-        replace(e, gain=local_gain(terms[i] + beyond.mean(), e.gain, alone=scatter))
-        if e.gain.method == LOCAL else e
-        for i, e in enumerate(found)
-    ]  # fmt: skip
+def _linear_spread(law: LinearLaw, told: Told, q: Quantities) -> Spread:
+    return linear_spread(law, told, q.slopes, q.variance).merged(q.groups, q.variance)
 
 
 def _promising(utilities: Sequence[Array], most: int) -> NDArray[np.int64]:

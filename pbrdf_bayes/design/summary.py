@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pbrdf_bayes import __version__
 from pbrdf_bayes.design.batches import Batch
 from pbrdf_bayes.design.candidates import Candidate, distinct_labels
-from pbrdf_bayes.design.for_goals import GoalRanking
 from pbrdf_bayes.design.nested import LOCAL, NESTED
+from pbrdf_bayes.design.ranking import GoalRanking
 from pbrdf_bayes.design.run import DesignResult
 from pbrdf_bayes.design.words import recommend
 from pbrdf_bayes.records import design as records

@@ -66,9 +66,9 @@ def _workers(text: str) -> int:
 
 def _batch(options: argparse.Namespace) -> int:
     from pbrdf_bayes.batch.run import fit_batch
-    from pbrdf_bayes.batch.terminal import repeat_lines, teller
     from pbrdf_bayes.errors import ConfigError
     from pbrdf_bayes.io.config_toml import read_config
+    from pbrdf_bayes.verbs.terminal import repeat_lines, teller
 
     if options.scheduler is not None and options.workers != 1:
         msg = "--workers with --scheduler: the scheduler has workers of its own. Give one of them"

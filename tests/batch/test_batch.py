@@ -27,21 +27,20 @@ import psutil
 import pytest
 
 import pbrdf_bayes as pb
-from pbrdf_bayes.batch import executors, shared_folder
+from pbrdf_bayes.batch import executors
 from pbrdf_bayes.batch import run as batch_run
-from pbrdf_bayes.batch.at_work import AtWork, forget, look, stage_writer
+from pbrdf_bayes.batch import work as batch_work
 from pbrdf_bayes.batch.executors import Crew
 from pbrdf_bayes.batch.index import harmless, write_index
 from pbrdf_bayes.batch.outcome import failed_row, finished_row
-from pbrdf_bayes.batch.own_report import is_own_report, note_report
 from pbrdf_bayes.batch.plan import Job, in_order, plan_batch
-from pbrdf_bayes.batch.progress import Progress
-from pbrdf_bayes.batch.terminal import sample_line, teller
-from pbrdf_bayes.batch.work import Task, finished_before, run_task
+from pbrdf_bayes.batch.run import Progress
+from pbrdf_bayes.batch.work import Task, finished_before, is_own_report, note_report, run_task
 from pbrdf_bayes.cli import main
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.io.checkpoint import write_checkpoint
 from pbrdf_bayes.report.figures.batch import nice_ticks
+from pbrdf_bayes.verbs.terminal import sample_line, teller
 
 COMMAND = [sys.executable, "-m", "pbrdf_bayes", "batch"]
 HEADER = "sample,wavelength_um,quantity,polarization,theta_i_deg,theta_r_deg,value"
@@ -122,7 +121,7 @@ def finished(tmp_path_factory, quick) -> Path:
     said = [line for line in done.stderr.splitlines() if line.startswith("[")]
     assert [line.split("]")[0] for line in said] == ["[3/8"] * 3 + [f"[{i}/8" for i in range(4, 9)]
     assert all(line.endswith(" left") for line in said[3:-1])
-    assert not list((home / "out").glob(".at_work*"))
+    assert not list((home / "out").glob(".batch*"))
     return home
 
 
@@ -375,7 +374,7 @@ def test_a_damaged_run_is_fitted_again_and_the_row_says_why(how, tmp_path):
     (job,) = plan_batch([file], config, seed=1)
     out = tmp_path / "out"
     out.mkdir()
-    task = Task(job, out, config, 1, shared_folder.leave_mark(out))
+    task = Task(job, out, config, 1, batch_work.leave_mark(out))
     assert run_task(task)["status"] == "done"
     assert finished_before(out, job, task.paperwork)["status"] == "skipped"
     stored = out / job.folder / "posterior.nc"
@@ -730,7 +729,7 @@ def test_what_a_worker_writes_elsewhere_is_not_done(
     tmp_path, monkeypatch, signals_as_before, work, said
 ):
     """Whether it is told before it fits, or only seen after that."""
-    monkeypatch.setattr(shared_folder, "SEEN_WITHIN", 0.3)
+    monkeypatch.setattr(batch_work, "SEEN_WITHIN", 0.3)
     file = write_samples(tmp_path / "a.csv", ["one", "two"])
     home, out = tmp_path / "home", tmp_path / "out"
     home.mkdir()
@@ -762,12 +761,12 @@ def test_workers_that_do_not_see_the_folder_start_nothing(
 
 
 def test_a_file_that_shows_late_is_waited_for(tmp_path):
-    mark = shared_folder.leave_mark(tmp_path)
-    assert shared_folder.sees_mark(tmp_path, mark)
+    mark = batch_work.leave_mark(tmp_path)
+    assert batch_work.sees_mark(tmp_path, mark)
     Timer(
         0.4, lambda: fitted(Task(Job("a", "a.csv", folder="late"), tmp_path, None, 1, ""))
     ).start()
-    assert shared_folder.sees_run(tmp_path, "late")
+    assert batch_work.sees_run(tmp_path, "late")
 
 
 def test_workers_that_come_later_are_used(tmp_path, monkeypatch, signals_as_before):
@@ -1093,56 +1092,30 @@ def test_no_cell_is_a_formula(unseen, sign):
     assert harmless(f"lot{unseen}{sign}1") == f"lot{unseen}{sign}1"
 
 
-def test_what_each_worker_does_is_told(tmp_path):
-    """Also by one that was killed and left its note; at most as many as there are workers."""
-    waiting = {"folder-a": "a", "folder-b": "b", "folder-c": "c"}
-    assert look(tmp_path, waiting, most=2) == ()
-    told = stage_writer(tmp_path, "folder-a")
-    told("a long name of a stage, which is followed by a short one")
-    told("sample")
-    (one,) = look(tmp_path, waiting, most=2)
-    assert (one.sample, one.stage) == ("a", "sample")
-    assert one.worker.endswith(str(os.getpid()))
-    for i, name in enumerate(("folder-b", "folder-c")):
-        stage_writer(tmp_path, name)("predict")
-        os.utime(next(tmp_path.glob(f".*{name}")), (2e9 + i, 2e9 + i))
-    assert sorted(one.sample for one in look(tmp_path, waiting, most=2)) == ["b", "c"]
-    forget(tmp_path, waiting)
-    assert list(tmp_path.iterdir()) == []
-
-    (tmp_path / "outside").write_text("as it was")
-    (tmp_path / ".at_work-folder-a").symlink_to(tmp_path / "outside")
-    told("report")
-    assert (tmp_path / "outside").read_text() == "as it was"
-    assert look(tmp_path, waiting, most=2) == ()
-
-
 class Terminal(io.StringIO):
     def isatty(self) -> bool:
         return True
 
 
-def test_a_terminal_has_a_line_for_each_worker(monkeypatch):
+def test_a_terminal_has_a_line_for_each_sample_in_hand(monkeypatch):
     """Written over while it runs; what is done stays above it."""
-    screen = Terminal()
-    monkeypatch.setattr(sys, "stderr", screen)
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", "60")
     tell = teller()
-    work = (AtWork("host 11", "lot 1", "sample", 3.0), AtWork("host 12", "x" * 99, "predict", 1.0))
-    tell(Progress(None, 0, 3, ("lot 1", "x" * 99), None, 2, work))
-    first = screen.getvalue()
+    tell(Progress(None, 0, 3, (("lot 1", 3.0), ("x" * 99, 1.0)), None, 2))
+    first = terminal.getvalue()
     assert first.splitlines()[0].split("] ")[1] == "0/3 samples"
-    assert first.splitlines()[1] == "  worker host 11: 'lot 1', sample, 3 s"
+    assert first.splitlines()[1] == "  'lot 1', 3 s"
     assert [len(line) < 60 for line in first.splitlines()] == [True] * 3
     row = {"sample": "lot 1", "verdict": "PASS", "conformity": "REJECT", "seconds": 4.0,
            "repeat_of": None, "status": "done", "error": None, "notice": None}  # fmt: skip
-    tell(Progress(row, 1, 3, ("x" * 99,), 130.0, 2, work[1:]))
-    second = screen.getvalue()[len(first) :]
+    tell(Progress(row, 1, 3, (("x" * 99, 2.0),), 130.0, 2))
+    second = terminal.getvalue()[len(first) :]
     assert second.startswith("\x1b[3F\x1b[J[1/3] 'lot 1': PASS, REJECT (4.0 s), about 2 min left\n")
-    assert second.splitlines()[-1] == "  worker: starts or waits"
     tell(Progress({**row, "sample": "lot 3"}, 3, 3, (), 0.0, 2))
-    assert screen.getvalue().endswith("\x1b[3F\x1b[J[3/3] 'lot 3': PASS, REJECT (4.0 s)\n")
+    assert terminal.getvalue().endswith("\x1b[2F\x1b[J[3/3] 'lot 3': PASS, REJECT (4.0 s)\n")
 
 
 class GoneError(Exception):
@@ -1259,9 +1232,9 @@ def test_workers_of_a_cluster_are_asked_and_counted(tmp_path, monkeypatch):
         processes.append(start_worker(tmp_path, address, "first"))
         with executors.cluster_crew(address) as crew:
             assert (crew.n_workers, crew.count()) == (1, 1)
-            mark = shared_folder.leave_mark(tmp_path)
+            mark = batch_work.leave_mark(tmp_path)
             assert list(crew.blind(tmp_path, mark)) == []
-            monkeypatch.setattr(shared_folder, "SEEN_WITHIN", 0.1)
+            monkeypatch.setattr(batch_work, "SEEN_WITHIN", 0.1)
             (blind,) = crew.blind(tmp_path, "the mark of another folder")
             assert blind.startswith("tcp://")
             processes.append(start_worker(tmp_path, address, "late"))

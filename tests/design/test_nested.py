@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pbrdf_bayes.design.fisher import linear_gain
+from pbrdf_bayes.design.linear import LinearLaw, Told, entropy_of_draws
 from pbrdf_bayes.design.nested import PairTable, expected_gain, expected_spread
 
 N_ABOUT, N_ALL, N_READINGS = 2, 4, 3
@@ -59,7 +59,7 @@ class Linear:
 @pytest.mark.parametrize("size", [0.2, 0.6, 1.2])
 def test_the_middle_is_the_truth_and_the_bracket_holds_it(size: float) -> None:
     law = Linear(1, size)
-    gain = expected_gain(law.table(np.random.default_rng(2), 4000, 600, 600))
+    gain, _ = expected_gain(law.table(np.random.default_rng(2), 4000, 600, 600))
     assert gain.low < gain.high
     assert gain.low - 3.0 * gain.se < law.gain < gain.high + 3.0 * gain.se
     assert abs(gain.eig - law.gain) < 4.0 * gain.se
@@ -72,7 +72,7 @@ def test_bias_falls_as_one_over_m() -> None:
     sizes = np.array([25, 50, 100, 200, 400])
     high, low, middle = [], [], []
     for m in sizes:
-        gains = [expected_gain(law.table(rng, 400, int(m), 2)) for _ in range(60)]
+        gains = [expected_gain(law.table(rng, 400, int(m), 2))[0] for _ in range(60)]
         only = [(g.low, g.high, g.eig) for g in gains]
         mean = np.mean(only, axis=0)
         low.append(mean[0])
@@ -98,13 +98,13 @@ def test_expectations_are_those_of_the_plain_estimates() -> None:
         inner = np.logaddexp.reduce(bare.inner, axis=1)
         nested = (bare.own - (inner - np.log(30))).mean()
         contrastive = (bare.own - (np.logaddexp(inner, bare.own) - np.log(31))).mean()
-        gain = expected_gain(bare)
+        gain, _ = expected_gain(bare)
         away.append((gain.high - nested, gain.low - contrastive))
     mean, error = np.mean(away, axis=0), np.std(away, axis=0, ddof=1) / np.sqrt(300)
     assert np.all(np.abs(mean) < 3.5 * error)
     plain = np.std([(t.own - np.logaddexp.reduce(t.inner, axis=1)).mean()
                     for t in (law.table(rng, 200, 200, 2) for _ in range(100))])  # fmt: skip
-    ours = np.std([expected_gain(PairTable(t.own, t.inner)).eig
+    ours = np.std([expected_gain(PairTable(t.own, t.inner))[0].eig
                    for t in (law.table(rng, 200, 200, 2) for _ in range(100))])  # fmt: skip
     assert ours < plain
 
@@ -125,20 +125,25 @@ def test_chain_rule_of_two_measurements() -> None:
         )
     s, a = law.covariance, law.a
     of_y = np.eye(3) + a @ s @ a.T / law.noise2
-    joint = expected_gain(tables[0] + tables[1])
+    whole = PairTable(tables[0].own + tables[1].own, tables[0].inner + tables[1].inner)
+    joint, _ = expected_gain(whole)
     assert abs(joint.eig - 0.5 * np.linalg.slogdet(of_y)[1]) < 4.0 * joint.se
-    alone = sum(expected_gain(t).eig for t in tables)
+    alone = sum(expected_gain(t)[0].eig for t in tables)
     assert joint.eig < alone
 
 
-def test_linear_tier_is_the_closed_form() -> None:
+def linear_gain(covariance: np.ndarray, precision: np.ndarray) -> float:
+    law = LinearLaw(np.linalg.inv(covariance)[None], np.arange(N_ABOUT))
+    return float(law.gain([Told(precision[None])])[0])
+
+
+def test_the_linear_law_is_the_closed_form() -> None:
     law = Linear(9, 0.8)
     precision = law.a.T @ law.a / law.noise2
-    found = linear_gain(law.covariance, precision[None], np.arange(N_ABOUT))
-    assert found[0] == pytest.approx(law.gain, rel=1e-10)
+    assert linear_gain(law.covariance, precision) == pytest.approx(law.gain, rel=1e-10)
 
 
-def test_linear_tier_does_not_depend_on_the_coordinates() -> None:
+def test_the_linear_law_does_not_depend_on_the_coordinates() -> None:
     """Any invertible map of theta, and of all parameters beside it, leaves the gain as it is."""
     law = Linear(10, 0.8)
     rng = np.random.default_rng(11)
@@ -147,10 +152,26 @@ def test_linear_tier_does_not_depend_on_the_coordinates() -> None:
     change[N_ABOUT:] = rng.normal(size=(N_ALL - N_ABOUT, N_ALL))
     back = np.linalg.inv(change)
     precision = law.a.T @ law.a / law.noise2
-    moved = linear_gain(
-        change @ law.covariance @ change.T, (back.T @ precision @ back)[None], np.arange(N_ABOUT)
-    )
-    assert moved[0] == pytest.approx(law.gain, rel=1e-8)
+    moved = linear_gain(change @ law.covariance @ change.T, back.T @ precision @ back)
+    assert moved == pytest.approx(law.gain, rel=1e-8)
+
+
+def test_the_linear_law_obeys_the_chain_rule() -> None:
+    """What two readings tell is what one tells and what the other adds to it."""
+    law = Linear(9, 0.8)
+    first, second = (Told((a.T @ a / law.noise2)[None]) for a in (law.a[:1], law.a[1:]))
+    here = LinearLaw(np.linalg.inv(law.covariance)[None], np.arange(N_ABOUT))
+    one_by_one = here.gain([first]) + here.gain([second], [first])
+    assert one_by_one[0] == pytest.approx(law.gain, rel=1e-10)
+
+
+def test_entropy_of_correlated_draws() -> None:
+    """A normal law in four dimensions: 1/2 ln det 2 pi e S."""
+    s = Linear(9, 0.8).covariance
+    z = np.random.default_rng(3).multivariate_normal(np.zeros(N_ALL), s, size=1500)
+    found, se = entropy_of_draws(z)
+    wanted = 0.5 * np.linalg.slogdet(2.0 * np.pi * np.e * s)[1]
+    assert abs(found - wanted) < 3.0 * se + 0.05
 
 
 def test_expected_standard_deviations() -> None:
@@ -161,8 +182,7 @@ def test_expected_standard_deviations() -> None:
     own, inner = x[:1000], x[1000:]
     y = own @ law.a.T + np.sqrt(law.noise2) * rng.normal(size=(1000, N_READINGS))
     table = PairTable(law.log_density(y, own[:, None])[:, 0], law.log_density(y, inner[None]))
-    weights = expected_gain(table, keep_weights=True).weights
-    assert weights is not None
+    weights = expected_gain(table)[1]
     ratio, error = expected_spread(weights, own, inner).sd_ratio()
     s, a = law.covariance, law.a
     of_y = a @ s @ a.T + law.noise2 * np.eye(N_READINGS)
@@ -174,6 +194,6 @@ def test_expected_standard_deviations() -> None:
 def test_densities_of_any_size_do_no_harm() -> None:
     own = np.array([-5000.0, 3000.0, -1e5])
     inner = np.array([[-5001.0, -9000.0], [10.0, 0.0], [-1e6, -1e7]])
-    gain = expected_gain(PairTable(own, inner))
+    gain, _ = expected_gain(PairTable(own, inner))
     assert np.isfinite([gain.eig, gain.low, gain.high, gain.se, gain.ess]).all()
     assert gain.low <= np.log(3.0)

@@ -68,3 +68,19 @@ def test_what_may_be_nothing_is_not_on_the_front() -> None:
     assert found.pareto.tolist() == [False, True, False]
     sure = rank(terms, minutes, per_minute=False, seed=1, se=np.array([0.002, 0.01, 0.01]))
     assert sure.pareto.tolist() == [True, True, False]
+
+
+def test_candidates_with_wide_brackets_are_ranked_by_their_overlap() -> None:
+    """Bounds 5 to 30 and 4 to 9 overlap, 1 to 1.1 lies below both."""
+    terms = np.array([[4.9, 5.1, 5.0], [3.9, 4.1, 4.0], [0.9, 1.1, 1.0]])
+    reach = np.array([[0.0, 25.0], [0.0, 5.0], [0.0, 0.0]])
+    minutes = np.array([10.0, 10.0, 1.0])
+    known = rank(terms, minutes, per_minute=False, seed=1)
+    assert known.p_best.tolist() == [1.0, 0.0, 0.0]
+    found = rank(terms, minutes, per_minute=False, seed=1, reach=reach)
+    assert found.tied.tolist() == [True, True, False]
+    assert found.p_best.tolist() == [0.5, 0.5, 0.0]
+    assert found.n_readings == 3
+    apart = rank(terms, minutes, per_minute=False, seed=1, reach=0.02 * reach)
+    assert apart.tied.tolist() == [True, False, False]
+    assert apart.p_best.tolist() == [1.0, 0.0, 0.0]

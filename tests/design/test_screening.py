@@ -41,7 +41,6 @@ def results() -> list[DesignResult]:
     small = DesignChoices(n_outer=60, n_inner=150, n_nuisance=4, batch=1, seed=3)
     goals = (parse_goal("dhr:s:80"),)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pbrdf_bayes.design.run._refined", lambda _stage, _law, found, *_: found)
         found = [design_measurements(b, OPTIONS, choices=small, goals=goals)]
         patch.setattr("pbrdf_bayes.design.run._MOST_EVALUATED", 2)
         found += [design_measurements(b, OPTIONS, choices=small, goals=g) for g in ((), goals)]

@@ -9,7 +9,8 @@ from scipy.stats import kstest
 import pbrdf_bayes as pb
 from pbrdf_bayes.design.beliefs import Beliefs, beliefs_of_run, draw_nuisance, draw_sets
 from pbrdf_bayes.design.candidates import Candidate
-from pbrdf_bayes.design.evaluate import linear_gains, set_stage, told_by
+from pbrdf_bayes.design.evaluate import set_stage, told_by
+from pbrdf_bayes.design.linear import linear_law
 from pbrdf_bayes.inference.parameters.table import PHYSICAL
 from pbrdf_bayes.inference.posterior import build_posterior
 from pbrdf_bayes.measurement import measurement_from_columns
@@ -61,7 +62,7 @@ def test_a_scan_tells_what_it_tells_with_them() -> None:
     b = beliefs()
     candidate = Candidate("brdf", "p", 55.0, 10.0, theta_r_deg=SCAN)
     stage = set_stage(b, n_outer=400, n_inner=800, n_nuisance=2, seed=4, n_linear=400)
-    found = linear_gains(stage, told_by(stage, candidate))
+    found = linear_law(stage.paints).gain([told_by(stage, candidate)])
     rng = np.random.default_rng(5)
     x0 = GREEN_PAINT.as_array()
 
