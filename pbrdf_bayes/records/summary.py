@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from msgspec import UNSET, Meta, Struct, UnsetType, field
 
-from pbrdf_bayes.records.checks import Check, Judgement
+from pbrdf_bayes.records.checks import Check, Finding, Judgement
 from pbrdf_bayes.records.values import (
     CheckJudged,
     Correlation,
@@ -691,6 +691,8 @@ class Summary(Struct, frozen=True, kw_only=True):
         Effects added to the four-parameter model; none is the model of the 2011 paper.
     effects_choice : EffectsChoice or None
         None where the effects were given.
+    findings : tuple of Finding
+        Mistakes of the bench or of the file that the readings show.
     discrepancy : DiscrepancySize or None
         None where readings are taken as independent.
     holdouts : tuple of Prediction
@@ -727,6 +729,7 @@ class Summary(Struct, frozen=True, kw_only=True):
     parameters: Mapping[str, Parameter]
     correlation: CorrelationMatrix
     diagnostics: Mapping[str, Judgement]
+    findings: tuple[Finding, ...] = ()
     fit: Fit
     discrepancy: DiscrepancySize | None = None
     map: Map

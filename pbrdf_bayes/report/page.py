@@ -226,12 +226,13 @@ def _contents(analysis: Analysis, figures: Figures) -> dict[str, Any]:
 
 def _checks(analysis: Analysis) -> dict[str, Any]:
     data, diagnostics = tables.check_rows(analysis.summary)
+    findings = tables.finding_rows(analysis.summary)
     return {
         "verdict_words": VERDICT_WORDS,
-        "data_checks": data,
+        "data_checks": [*findings, *data],
         "diagnostics": diagnostics,
-        "attention": tables.attention([*diagnostics, *data]),
-        "tally": tables.tally([*diagnostics, *data]),
+        "attention": [*findings, *tables.attention([*diagnostics, *data])],
+        "tally": tables.tally([*diagnostics, *findings, *data]),
     }
 
 

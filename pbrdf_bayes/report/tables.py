@@ -200,6 +200,17 @@ def check_rows(summary: Record) -> tuple[list[CheckRow], list[CheckRow]]:
     return data, [_check_row(c) for c in summary["diagnostics"].values()]
 
 
+def finding_rows(summary: Record) -> list[CheckRow]:
+    """Return the mistakes that the readings show."""
+    return [
+        CheckRow(
+            title=f["code"].replace("_", " "), verdict=f["verdict"], value="", threshold="",
+            statement=f["statement"], advice=f["remedy"],
+        )
+        for f in summary.get("findings", [])
+    ]  # fmt: skip
+
+
 def attention(rows: Sequence[CheckRow]) -> list[CheckRow]:
     """Return what did not pass, failures first."""
     return sorted(

@@ -89,6 +89,9 @@ def _describe(m: Measurement, said: set[str]) -> str:
         )
     lines += [f"  excluded by flag {flag!r}: {count} rows" for flag, count in m.excluded.items()]
     lines += [f"  warning: {text}" for text in m.warnings if text not in said]
+    for finding in find_mistakes(m):
+        lines.append(f"  {_MARK[finding.verdict]} {finding.statement}")
+        lines.append(f"       {finding.remedy}")
     for check in check_measurement(m):
         lines.append(f"  {_MARK[check.verdict]} {check.title}: {check.statement}")
         if check.advice and check.verdict in ("WARN", "FAIL"):

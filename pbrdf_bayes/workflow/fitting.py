@@ -49,6 +49,7 @@ from pbrdf_bayes.io.config_toml import config_to_toml
 from pbrdf_bayes.io.tidy_csv import read_measurement
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.readings.checks import check_measurement
+from pbrdf_bayes.readings.mistakes import find_mistakes
 from pbrdf_bayes.records.checks import Check
 from pbrdf_bayes.records.summary import EffectsChoice
 from pbrdf_bayes.report.page import render_report
@@ -224,7 +225,8 @@ def _fit_posterior(
         dhr_misfit=measure_dhr_misfit(posterior, optima.best.x),
     )  # fmt: skip
     stages = Stages(
-        posterior=posterior, seed=seed, checks=checks, optima=optima, draws=draws,
+        posterior=posterior, seed=seed, checks=checks,
+        findings=find_mistakes(posterior.measurement), optima=optima, draws=draws,
         least_squares=(best_x, best_rms), residuals=residuals, best_dex=best.dex,
         identifiability=identifiability, diagnostics=diagnostics, curves=curves,
         dhr_curves=dhr_curves, sensitivity=sensitivity, leave_one_out=leave_one_out,

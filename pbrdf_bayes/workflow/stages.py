@@ -17,7 +17,7 @@ from pbrdf_bayes.inference.prediction.residuals import Residuals
 from pbrdf_bayes.inference.prediction.scan_widths import ScanWidths
 from pbrdf_bayes.inference.sampling.power_scaling import PriorSensitivity
 from pbrdf_bayes.inference.sampling.sampling import Draws
-from pbrdf_bayes.records.checks import Check
+from pbrdf_bayes.records.checks import Check, Finding
 from pbrdf_bayes.records.summary import (
     Applicability,
     DiscrepancySize,
@@ -36,6 +36,7 @@ class Stages:
     posterior: Posterior
     seed: int
     checks: tuple[Check, ...]
+    findings: tuple[Finding, ...]
     optima: MapResult
     draws: Draws
     least_squares: tuple[Array, float]

@@ -49,7 +49,8 @@ _PACKAGES = (
 def summarise(s: Stages) -> dict[str, Any]:
     """The content of ``summary.json``, plain values of `pbrdf_bayes.records.summary.Summary`."""
     m, config = s.posterior.measurement, s.posterior.config
-    verdict = overall_verdict([d.verdict for d in s.diagnostics] + [c.verdict for c in s.checks])
+    checked = [c.verdict for c in (*s.diagnostics, *s.checks)]
+    verdict = overall_verdict([*checked, *(f.verdict for f in s.findings)])
     summary = Summary(
         sample=m.sample,
         wavelength_um=m.wavelength_um,
@@ -58,6 +59,7 @@ def summarise(s: Stages) -> dict[str, Any]:
         verdict=verdict,
         headline=_headline(s, verdict),
         applicability=s.applicability,
+        findings=s.findings,
         input=_input(s),
         config=config_table(config),
         versions=versions(),
@@ -90,6 +92,9 @@ def summarise(s: Stages) -> dict[str, Any]:
 def _headline(s: Stages, verdict: str) -> str:
     if not s.draws.converged:
         return say("headline.not_converged")
+    if s.findings:
+        first = min(s.findings, key=lambda f: f.verdict != FAIL)
+        return say("headline.readings", statement=first.statement)
     worst = next((d for d in s.diagnostics if d.verdict == verdict), None)
     if worst and verdict in (FAIL, WARN):
         return say(f"headline.{verdict.lower()}", statement=worst.statement)
