@@ -81,6 +81,8 @@ class RunConfig:
         Replacements by parameter name, e.g. ``{"n": {"kind": "normal", "mean": 1.5, "sd": 0.05}}``.
     brdf_floor : float
         Noise-equivalent BRDF of the instrument [sr^-1]; readings at or below it are censored.
+    angle_tolerance_deg : float
+        Incidences and azimuths of scans that differ by no more are one geometry [deg].
     brdf_scale : {"absolute", "relative"}
         ``relative`` leaves the scale of each scan free: where the laboratory normalised its scans
         with its DHR readings, an absolute scale would use them twice.
@@ -125,6 +127,7 @@ class RunConfig:
     prior: str = "paint"
     priors: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     brdf_floor: float = 0.0
+    angle_tolerance_deg: float = 0.05
     brdf_scale: str = "absolute"
     u_brdf_cal: float = 0.0
     u_dhr_cal: float = 0.01
@@ -150,6 +153,7 @@ class RunConfig:
         _tuple("predict_theta_i_deg", self.predict_theta_i_deg)
         _effects(self.effects)
         _in_range("brdf_floor", self.brdf_floor, 0.0, 1e3)
+        _in_range("angle_tolerance_deg", self.angle_tolerance_deg, 0.0, 1.0)
         _in_range("u_brdf_cal", self.u_brdf_cal, 0.0, 1.0)
         _in_range("u_dhr_cal", self.u_dhr_cal, 0.0, 1.0)
         for angle in self.predict_theta_i_deg:

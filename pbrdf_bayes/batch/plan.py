@@ -85,7 +85,7 @@ def plan_batch(files: Sequence[Path], config: RunConfig, *, seed: int) -> tuple[
     jobs: list[Job] = []
     first: dict[str, int] = {}
     for file in in_order(files):
-        for job in _jobs_of(file, config.brdf_floor):
+        for job in _jobs_of(file, config):
             if job.measurement is None:
                 jobs.append(job)
                 continue
@@ -162,10 +162,12 @@ def _repeat(job: Job, at: int) -> str:
     )
 
 
-def _jobs_of(file: Path, brdf_floor: float) -> list[Job]:
+def _jobs_of(file: Path, config: RunConfig) -> list[Job]:
     source = printable(str(file))
     try:
-        content = read_usable_samples(file, brdf_floor=brdf_floor)
+        content = read_usable_samples(
+            file, brdf_floor=config.brdf_floor, angle_tolerance_deg=config.angle_tolerance_deg
+        )
     except DataError as error:
         return [Job(printable(file.name), source, error=str(error))]
     good = [

@@ -35,6 +35,7 @@ from pbrdf_bayes.io.tidy_notices import notice
 from pbrdf_bayes.io.tidy_rows import SAME_WAVELENGTH, CheckedRows, Words, check_data, read_rows
 from pbrdf_bayes.io.tidy_writer import replace_file, write_tidy_csv
 from pbrdf_bayes.measurement import (
+    ANGLE_TOLERANCE_DEG,
     Measurement,
     measurement_from_columns,
 )
@@ -103,6 +104,7 @@ def read_measurement(
     sample: str | None = None,
     wavelength_um: float | None = None,
     brdf_floor: float = 0.0,
+    angle_tolerance_deg: float = ANGLE_TOLERANCE_DEG,
 ) -> Measurement:
     r"""Read and validate readings; return those of one sample at one wavelength.
 
@@ -122,6 +124,8 @@ def read_measurement(
     brdf_floor : float, optional
         Noise-equivalent BRDF of the instrument [sr^-1]. Above 0, readings of zero or less are
         accepted: the likelihood treats them as censored.
+    angle_tolerance_deg : float, optional
+        Incidences and azimuths that differ by no more are one geometry [deg]; 0 merges none.
 
     Returns
     -------
@@ -154,11 +158,11 @@ def read_measurement(
         data = path.to_csv(index=False).encode("utf-8", "surrogatepass")
         digest = hashlib.sha256(data).hexdigest()
         content = check_data("DataFrame", data, digest, brdf_floor, (), rows_of_no_sample=False)
-    return _measurement(content, sample, wavelength_um)
+    return _measurement(content, sample, wavelength_um, angle_tolerance_deg)
 
 
 def _measurement(
-    content: CheckedRows, sample: str | None, wavelength_um: float | None
+    content: CheckedRows, sample: str | None, wavelength_um: float | None, tolerance_deg: float
 ) -> Measurement:
     """The readings of one sample at one wavelength."""
     groups = _group(content)
@@ -167,10 +171,13 @@ def _measurement(
         content.problems.add(key)
     if content.problems.n or key is None or isinstance(key, Problem):
         raise DataError(content.message)
-    return _build(content, key, groups[key], _count_flags(content, [key]))
+    return _build(content, key, groups[key], _count_flags(content, [key]), tolerance_deg)
 
 
-def import_readings(*paths: str | Path, brdf_floor: float = 0.0, **decisions: Any) -> Measurement:
+def import_readings(
+    *paths: str | Path, brdf_floor: float = 0.0,
+    angle_tolerance_deg: float = ANGLE_TOLERANCE_DEG, **decisions: Any,
+) -> Measurement:  # fmt: skip
     """Read files as laboratories have them into one measurement.
 
     Parameters
@@ -178,8 +185,8 @@ def import_readings(*paths: str | Path, brdf_floor: float = 0.0, **decisions: An
     *paths : str or Path
         Files of one sample in any of the formats of `pbrdf_bayes.io.formats`: content decides,
         not the extension.
-    brdf_floor : float, optional
-        As in `read_measurement` [sr^-1].
+    brdf_floor, angle_tolerance_deg : float, optional
+        As in `read_measurement` [sr^-1, deg].
     **decisions
         What the files leave open, see `Decided`: ``format``, ``sample``, ``polarization``,
         ``wavelength_um``, ``theta_i_deg``, ``forward``, ``value``, ``unit``, ``sheet``.
@@ -205,7 +212,7 @@ def import_readings(*paths: str | Path, brdf_floor: float = 0.0, **decisions: An
         msg = f"{wrong!r} is not a decision.{did_you_mean(wrong, known)} Known: {', '.join(known)}"
         raise ConfigError(msg) from None
     content = _read_foreign(paths, import_files(paths, decided), brdf_floor)
-    return _measurement(content, None, None)
+    return _measurement(content, None, None, angle_tolerance_deg)
 
 
 def import_to_csv(paths: Sequence[str | Path], decided: Decided, out: Path) -> tuple[str, ...]:
@@ -241,11 +248,14 @@ def _read_foreign(paths: Sequence[str | Path], foreign: Foreign, brdf_floor: flo
     )  # fmt: skip
 
 
-def read_samples(path: str | Path, *, brdf_floor: float = 0.0) -> TidyFile:
+def read_samples(
+    path: str | Path, *, brdf_floor: float = 0.0,
+    angle_tolerance_deg: float = ANGLE_TOLERANCE_DEG,
+) -> TidyFile:  # fmt: skip
     """Read a tidy CSV once; return the measurements of all its samples and all its problems.
 
-    A problem in the rows of one sample leaves the other samples usable. ``brdf_floor`` is as in
-    `read_measurement` [sr^-1].
+    A problem in the rows of one sample leaves the other samples usable. ``brdf_floor`` [sr^-1] and
+    ``angle_tolerance_deg`` are as in `read_measurement`.
 
     Raises
     ------
@@ -258,10 +268,13 @@ def read_samples(path: str | Path, *, brdf_floor: float = 0.0) -> TidyFile:
     content = read_rows(path, brdf_floor, rows_of_no_sample=False)
     if "" in content.problems.found:
         raise DataError(content.message)
-    return _tidy_file(content)
+    return _tidy_file(content, angle_tolerance_deg)
 
 
-def read_usable_samples(path: str | Path, *, brdf_floor: float = 0.0) -> TidyFile:
+def read_usable_samples(
+    path: str | Path, *, brdf_floor: float = 0.0,
+    angle_tolerance_deg: float = ANGLE_TOLERANCE_DEG,
+) -> TidyFile:  # fmt: skip
     """`read_samples` where a row that cannot be read costs the sample that it belongs to alone.
 
     Such are rows of another length than the header, that are no text, or that name no sample.
@@ -274,13 +287,14 @@ def read_usable_samples(path: str | Path, *, brdf_floor: float = 0.0) -> TidyFil
         As `read_samples`, where that is not the fault of single rows: the quotes are unbalanced,
         the header is wrong.
     """
-    return _tidy_file(read_rows(path, brdf_floor, rows_of_no_sample=True))
+    content = read_rows(path, brdf_floor, rows_of_no_sample=True)
+    return _tidy_file(content, angle_tolerance_deg)
 
 
-def _tidy_file(content: CheckedRows) -> TidyFile:
+def _tidy_file(content: CheckedRows, tolerance_deg: float) -> TidyFile:
     errors = _refused_samples(content)
     groups = {key: rows for key, rows in _group(content).items() if key[0] not in errors}
-    measurements = _build_all(content, groups, errors)
+    measurements = _build_all(content, groups, errors, tolerance_deg)
     return TidyFile(
         source=Path(content.path).name,
         sha256=content.sha256,
@@ -431,15 +445,16 @@ def _first_lines(content: CheckedRows, errors: Iterable[str]) -> dict[str, int]:
 
 
 def _build_all(
-    content: CheckedRows, groups: Mapping[Key, NDArray[np.int64]], errors: dict[str, str]
-) -> dict[Key, Measurement]:
+    content: CheckedRows, groups: Mapping[Key, NDArray[np.int64]], errors: dict[str, str],
+    tolerance_deg: float,
+) -> dict[Key, Measurement]:  # fmt: skip
     """Measurements of all samples; those that cannot be made go to ``errors``."""
     flags = _count_flags(content, groups)
     found: dict[Key, Measurement] = {}
     n_scans = 0
     for key, index in groups.items():
         try:
-            found[key] = _build(content, key, index, flags)
+            found[key] = _build(content, key, index, flags, tolerance_deg)
         except DataError as error:
             errors[key[0]] = str(error)
             content.problems.add(Problem(0, "", str(error), sample=key[0]))
@@ -451,7 +466,9 @@ def _build_all(
     return {key: m for key, m in found.items() if key[0] not in errors}
 
 
-def _build(content: CheckedRows, key: Key, index: NDArray[np.int64], flags: Flags) -> Measurement:
+def _build(
+    content: CheckedRows, key: Key, index: NDArray[np.int64], flags: Flags, tolerance_deg: float
+) -> Measurement:
     """Measurement from the rows of one sample at one wavelength."""
     rows = {name: column[index] for name, column in content.rows.items()}
     columns: dict[str, Any] = {
@@ -476,6 +493,7 @@ def _build(content: CheckedRows, key: Key, index: NDArray[np.int64], flags: Flag
             source=Path(content.path).name,
             sha256=content.sha256,
             warnings=(*content.warnings, *said),
+            angle_tolerance_deg=tolerance_deg,
             **columns,
         )
     except DataError as error:

@@ -38,7 +38,12 @@ def add_check(verbs: Any) -> None:
     parser.add_argument("--brdf-floor", type=float, metavar="X",
                         help="noise-equivalent BRDF [1/sr]; readings up to it are "
                         "censored")  # fmt: skip
-    parser.add_argument("--config", type=Path, metavar="TOML", help="takes brdf_floor from it")
+    parser.add_argument(
+        "--config",
+        type=Path,
+        metavar="TOML",
+        help="takes brdf_floor and angle_tolerance_deg from it",
+    )
     parser.add_argument("--json", action="store_true", help="print the findings as JSON")
 
 
@@ -175,12 +180,12 @@ def _check(options: argparse.Namespace) -> int:
 
     config = read_config(options.config, {"brdf_floor": options.brdf_floor})
     if options.json:
-        text, message = find_in_file(options.csv, brdf_floor=config.brdf_floor)
+        text, message = find_in_file(options.csv, config)
         print(text)
         if message:
             print(message, file=sys.stderr)
         return BAD_INPUT if message else DONE
-    text, clean = describe_file(options.csv, brdf_floor=config.brdf_floor)
+    text, clean = describe_file(options.csv, config)
     print(text)
     return DONE if clean else BAD_INPUT
 

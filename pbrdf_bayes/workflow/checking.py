@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from pbrdf_bayes.config import RunConfig
 from pbrdf_bayes.io.tidy_csv import read_samples
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.readings.checks import check_measurement, find_problems
@@ -15,14 +16,14 @@ from pbrdf_bayes.records.values import plain
 _MARK = {"PASS": "ok  ", "WARN": "WARN", "FAIL": "FAIL", "SKIP": "-   "}
 
 
-def describe_file(path: Path, *, brdf_floor: float = 0.0) -> tuple[str, bool]:
+def describe_file(path: Path, config: RunConfig) -> tuple[str, bool]:
     """Summary of every sample of a tidy CSV, and whether there are any and nothing is wrong.
 
     Parameters
     ----------
     path : Path
-    brdf_floor : float
-        Noise-equivalent BRDF [sr^-1].
+    config : RunConfig
+        Its floor and its tolerance of angles count.
 
     Returns
     -------
@@ -33,7 +34,9 @@ def describe_file(path: Path, *, brdf_floor: float = 0.0) -> tuple[str, bool]:
     DataError
         When the file as a whole cannot be read.
     """
-    content = read_samples(path, brdf_floor=brdf_floor)
+    content = read_samples(
+        path, brdf_floor=config.brdf_floor, angle_tolerance_deg=config.angle_tolerance_deg
+    )
     blocks = [f"{content.source}: {content.n_rows} rows, sha256 {content.sha256[:12]}"]
     blocks += [f"warning: {text}" for text in content.warnings]
     blocks += [_describe(m, set(content.warnings)) for m in content.measurements.values()]
@@ -43,14 +46,14 @@ def describe_file(path: Path, *, brdf_floor: float = 0.0) -> tuple[str, bool]:
     return "\n\n".join(blocks), bool(content.measurements) and not content.message
 
 
-def find_in_file(path: Path, *, brdf_floor: float = 0.0) -> tuple[str, str]:
+def find_in_file(path: Path, config: RunConfig) -> tuple[str, str]:
     """Findings about every usable sample of a tidy CSV, and why others are not usable.
 
     Parameters
     ----------
     path : Path
-    brdf_floor : float
-        Noise-equivalent BRDF [sr^-1].
+    config : RunConfig
+        Its floor and its tolerance of angles count.
 
     Returns
     -------
@@ -62,7 +65,9 @@ def find_in_file(path: Path, *, brdf_floor: float = 0.0) -> tuple[str, str]:
     DataError
         When the file as a whole cannot be read.
     """
-    content = read_samples(path, brdf_floor=brdf_floor)
+    content = read_samples(
+        path, brdf_floor=config.brdf_floor, angle_tolerance_deg=config.angle_tolerance_deg
+    )
     found = tuple(
         f for m in content.measurements.values() for f in (*find_mistakes(m), *find_problems(m))
     )

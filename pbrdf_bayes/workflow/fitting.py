@@ -332,7 +332,11 @@ def fit_file(
         paperwork.check()
     observer.stage("read")
     measurement = read_measurement(
-        csv, sample=sample, wavelength_um=wavelength_um, brdf_floor=config.brdf_floor
+        csv,
+        sample=sample,
+        wavelength_um=wavelength_um,
+        brdf_floor=config.brdf_floor,
+        angle_tolerance_deg=config.angle_tolerance_deg,
     )
     folder = out or run_folder.new_run_folder(Path("reports"), measurement.sample)
     return fit_into(
