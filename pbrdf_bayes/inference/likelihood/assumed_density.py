@@ -38,6 +38,9 @@ systematic errors go through the filter of these, whose innovations i_c of them 
 
     v_c = sum i_c L',   G_cd = -sum i_c i_d L''          (`inference.likelihood.systematic`).
 
+Against the integral over an error as large as the noise (``test_observation_law.py``), 4 scans of
+33: 1e-3 nats with censored readings; 0.05 with Student-t noise, 1.3 by a single pass.
+
 The gradient is that of this recursion: `pbrdf_bayes.inference.likelihood.assumed_density_slopes`.
 """
 

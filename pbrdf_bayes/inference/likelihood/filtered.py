@@ -9,6 +9,10 @@ Groups that hold such a row are filtered, `inference.likelihood.assumed_density`
 their exact likelihood. Without a discrepancy every scan is a group, and tau is 0. DHR readings are
 normal: `inference.likelihood.dhr`.
 
+Systematic errors are marginalised beside the sites of `inference.likelihood.assumed_density`, which
+are right near the errors that they were found at. The filter therefore runs once more with the
+errors at what the first pass expects of them.
+
 nu is not inferred: single scans hold too few outliers to tell it. Four degrees of freedom are those
 that Lange, Little and Taylor advise, J. Am. Stat. Assoc. 84, 881 (1989),
 doi:10.1080/01621459.1989.10478852.
@@ -47,7 +51,7 @@ from pbrdf_bayes.inference.likelihood.scaled_rows import (
     scaled_rows,
 )
 from pbrdf_bayes.inference.likelihood.sweeps import Sweep, make_tape, prepare_sweep
-from pbrdf_bayes.inference.likelihood.systematic import marginalise
+from pbrdf_bayes.inference.likelihood.systematic import marginalise_about
 from pbrdf_bayes.measurement import Measurement
 from pbrdf_bayes.physics.brdf import buffers, fill_dhr, log_brdf
 from pbrdf_bayes.physics.compiled import compiled
@@ -59,6 +63,9 @@ from pbrdf_bayes.physics.normalisation.plain import workspace as quadrature_work
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+_PASSES = 2
+"""Of the filter beside systematic errors: at z = 0 and at E(z|y) of the first."""
 
 
 class Filtered(NamedTuple):
@@ -191,7 +198,8 @@ def filtered_log_likelihood(
     result = np.empty(n_sets)
     found = buffers(geometry.directions.shape[1], geometry.incidences.shape[0], VALUES)
     row = scaled_rows(rows)
-    m = sensitivities.shape[1]
+    m, s = sensitivities.shape[1], sensitivities[0]
+    z = np.empty(m)
     variance, tape = np.empty(rows.y.size), make_tape(filtered.sweep, False, m)
     work, gathered = workspace(filtered.exact, False, m), np.empty((2, filtered.exact_row.size))
     group_variance = np.empty(filtered.exact_noise_column.size)
@@ -205,20 +213,28 @@ def filtered_log_likelihood(
         total += compare_rows(geometry, rows, found, x, row)
         _fill_variance(rows, row, x, variance)
         if m > 0 and j < sensitivities.shape[0]:
-            tape.sensitivities[:] = sensitivities[j, :, : tape.sensitivities.shape[1]]
+            s = sensitivities[j]
+            tape.sensitivities[:] = s[:, : tape.sensitivities.shape[1]]
             if group_variance.size:
-                set_errors(filtered.exact, work, sensitivities[j][:, filtered.exact_row])
-        total += sweep_log_likelihood(
-            filtered.sweep, tape, row.residual, variance, rows.censored, rows.u_cal2, tau, ell
-        )
-        if group_variance.size:
-            _gather_exact(filtered, row, x, work, gathered, group_variance)
-            total += group_log_likelihood(
-                filtered.exact, work, gathered[0], group_variance, rows.u_cal2, tau, ell
+                set_errors(filtered.exact, work, s[:, filtered.exact_row])
+        z[:] = 0.0
+        value = 0.0
+        for _ in range(_PASSES if m > 0 else 1):
+            value = sweep_log_likelihood(
+                filtered.sweep, tape, row.residual, variance, rows.censored, rows.u_cal2, tau, ell
             )
-            tape.v[:] += work.v
-            tape.g[:] += work.g
-        result[j] = total + marginalise(tape.v, tape.g)
+            if group_variance.size:
+                _gather_exact(filtered, row, x, work, gathered, group_variance)
+                value += group_log_likelihood(
+                    filtered.exact, work, gathered[0], group_variance, rows.u_cal2, tau, ell
+                )
+                tape.v[:] += work.v
+                tape.g[:] += work.g
+            value += marginalise_about(tape.v, tape.g, z)
+            for i in range(m):
+                for k in range(rows.y.size):
+                    row.residual[k] -= tape.v[i] * s[i, k]
+        result[j] = total + value
     return result
 
 

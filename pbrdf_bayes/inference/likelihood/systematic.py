@@ -53,14 +53,39 @@ def marginalise(v: Array, g: Array) -> float:
 
 
 @compiled()
+def marginalise_about(v: Array, g: Array, z: Array) -> float:
+    """`marginalise` where ``v`` and ``g`` are those of the residuals r - S'z.
+
+    E(z|y) replaces ``z`` (n_errors,), its change ``v``.
+    """
+    value = 0.0
+    for j in range(v.size):
+        value -= 0.5 * z[j] * z[j]
+        v[j] -= z[j]
+    value += marginalise(v, g)
+    for j in range(v.size - 1, -1, -1):
+        for i in range(j + 1, v.size):
+            v[j] -= g[i, j] * v[i]
+        v[j] = v[j] / g[j, j] if v[j] != 0.0 else 0.0
+        z[j] += v[j]
+    return value
+
+
+@compiled()
+def _add_multiple(to: Array, factor: float, of: Array) -> None:
+    for i in range(to.size):
+        to[i] += factor * of[i]
+
+
+@compiled()
 def rotate(s: Array, g: Array) -> None:
     """T = L^-1 S in place of ``s`` (n_errors, n), L as `marginalise` leaves it in ``g``."""
     for j in range(s.shape[0]):
+        for h in range(j):
+            _add_multiple(s[j], -g[j, h], s[h])
+        over = 1.0 / g[j, j]
         for i in range(s.shape[1]):
-            total = s[j, i]
-            for h in range(j):
-                total -= g[j, h] * s[h, i]
-            s[j, i] = total / g[j, j]
+            s[j, i] *= over
 
 
 @compiled(reassociate=True)
@@ -116,8 +141,7 @@ def independent_slopes(
     n, left, weighted = residual.size, work[0, : residual.size], work[1, : residual.size]
     left[:] = residual
     for j in range(t.shape[0]):
-        for i in range(n):
-            left[i] -= z[j] * t[j, first + i]
+        _add_multiple(left, -z[j], t[j, first : first + n])
     shrunk = u_cal2 / (1.0 + u_cal2 * sum_of(precision))
     total = shrunk * _weigh(left, precision, by_mean)
     for i in range(n):

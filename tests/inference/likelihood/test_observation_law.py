@@ -16,8 +16,15 @@ from scipy import linalg, stats
 from scipy.special import logsumexp
 
 import pbrdf_bayes as pb
-from pbrdf_bayes.inference.likelihood.filtered import filter_state
-from pbrdf_bayes.inference.likelihood.row_evidence import N_OUT, A, W, row_evidence
+from pbrdf_bayes.inference.likelihood.filtered import FilterState, filter_state
+from pbrdf_bayes.inference.likelihood.row_evidence import (
+    N_OUT,
+    A,
+    W,
+    normal_mixture,
+    row_evidence,
+    student_mixture,
+)
 from pbrdf_bayes.inference.posterior import Posterior
 from pbrdf_bayes.inference.prediction.bands import replicate_brdf, scan_scales, targets_at
 from pbrdf_bayes.inference.prediction.conditionals import brdf_conditionals
@@ -190,9 +197,7 @@ def test_gains_of_the_scans(law: str, readings: Measurement) -> None:
     b = np.repeat(np.eye(3), 15, axis=1) * d.share
     mean = 0.05**2 * b @ linalg.solve(d.covariance, d.residual)
     covariance = 0.05**2 * np.eye(3) - 0.05**4 * b @ linalg.solve(d.covariance, b.T)
-    filtered, p = filter_all(posterior), posterior
-    assert filtered is not None
-    state = filter_state(p.geometry, p.rows, filtered, x, p.digits, p.given(x[None]))
+    state = filtered_state(posterior, x)
     np.testing.assert_allclose(state.gain, mean, rtol=1e-8, atol=1e-11)
     np.testing.assert_allclose(state.gain_cov, covariance, rtol=1e-8, atol=1e-12)
     drawn = scan_scales(posterior, np.tile(x, (2000, 1)), np.random.default_rng(1))
@@ -277,45 +282,66 @@ def not_normal(m: Measurement, case: str) -> Posterior:
     return posterior
 
 
-def sites_of(posterior: Posterior, x: Array) -> tuple[Array, Array]:
-    """Readings and variances, over h, of the normal rows that the filter puts in their places."""
-    filtered, p = filter_all(posterior), posterior
+def filtered_state(posterior: Posterior, x: Array, order: Posterior | None = None) -> FilterState:
+    """With the rows in the order of another posterior, whose readings choose it."""
+    filtered, p = filter_all(order or posterior), posterior
     assert filtered is not None
-    state = filter_state(p.geometry, p.rows, filtered, x, p.digits, p.given(x[None]))
-    d, mixture = dense(posterior, x), filtered.sweep.mixture
+    return filter_state(p.geometry, p.rows, filtered, x, p.digits, p.given(x[None]))
+
+
+def sites_of(
+    posterior: Posterior, x: Array, shift: Array, order: Posterior | None = None
+) -> tuple[Array, Array]:
+    """Residuals and variances, over h, of the normal rows that the filter puts in their places.
+
+    ``shift`` has been taken from the readings over h.
+    """
+    state, d = filtered_state(posterior, x, order), dense(posterior, x)
+    student = posterior.config.tails == "student-t"
+    mixture = student_mixture(posterior.config.student_dof) if student else normal_mixture()
     reading, variance = np.empty(d.residual.size), np.empty(d.residual.size)
     out, work = np.zeros(N_OUT), np.zeros((6, mixture.scale.size))
     for i, (e, s) in enumerate(zip(state.innovation, state.predicted, strict=True)):
-        v, hidden = d.noise[i] / d.share[i] ** 2, bool(p.rows.censored[i])
+        v, hidden = d.noise[i] / d.share[i] ** 2, bool(posterior.rows.censored[i])
         row_evidence(e, s, v, hidden, mixture, False, work, out)
-        reading[i] = d.residual[i] / d.share[i] - e + out[A] / out[W]
+        reading[i] = d.residual[i] / d.share[i] - shift[i] - e + out[A] / out[W]
         variance[i] = 1.0 / out[W] - s
     return reading, variance
 
 
+def less(posterior: Posterior, x: Array, shift: Array) -> Posterior:
+    """The same with ``shift`` over h taken from all readings and limits, and without errors."""
+    y = posterior.rows.y - dense(posterior, x).share * shift
+    free = posterior.with_errors(np.zeros((1, y.size)))  # censored rows by the filter as well
+    return replace(free, rows=free.rows._replace(y=y))
+
+
+@pytest.mark.parametrize("case", NOT_NORMAL)
+def test_gains_beside_sites(case: str, readings: Measurement) -> None:
+    """Those of the sites' covariance matrix, which pins the sites."""
+    posterior = not_normal(readings, case)
+    x, u2 = point(posterior), posterior.rows.u_cal2
+    reading, variance = sites_of(posterior, x, np.zeros(45))
+    k = dense(posterior, x).shared + np.diag(variance)
+    wanted = u2 * np.repeat(np.eye(3), 15, axis=1) @ linalg.solve(k, reading)
+    np.testing.assert_allclose(filtered_state(posterior, x).gain, wanted, rtol=1e-8, atol=1e-10)
+
+
 @pytest.mark.parametrize("case", NOT_NORMAL)
 def test_errors_beside_sites(case: str, readings: Measurement) -> None:
-    """v and G of the sites' covariance matrix; gains of scans as well, which pins the sites."""
-    posterior, s = not_normal(readings, case), sensitivities(readings)
+    """v and G of the sites' covariance matrix, sites at z = 0 and then at E(z|y)."""
+    posterior, s, z, wanted = not_normal(readings, case), sensitivities(readings), np.zeros(3), 0.0
     x = point(posterior)
-    reading, variance = sites_of(posterior, x)
-    d = dense(posterior, x)
-    k = d.shared + np.diag(variance)
-    v, g = s @ linalg.solve(k, reading), np.eye(3) + s @ linalg.solve(k, s.T)
-    wanted = 0.5 * v @ linalg.solve(g, v) - 0.5 * np.linalg.slogdet(g)[1]
-    with_errors = posterior.with_errors(s)
-    free = posterior.with_errors(0.0 * s)  # censored rows by the filter as well
-    found = with_errors.log_likelihood(x[None])[0] - free.log_likelihood(x[None])[0]
+    for _ in range(2):
+        shifted = less(posterior, x, z @ s)
+        reading, variance = sites_of(shifted, x, z @ s, posterior)
+        k = dense(posterior, x).shared + np.diag(variance)
+        v, g = s @ linalg.solve(k, reading) - z, np.eye(3) + s @ linalg.solve(k, s.T)
+        wanted = shifted.log_likelihood(x[None])[0] - 0.5 * z @ z
+        wanted += 0.5 * v @ linalg.solve(g, v) - 0.5 * np.linalg.slogdet(g)[1]
+        z = z + linalg.solve(g, v)
+    found = posterior.with_errors(s).log_likelihood(x[None])[0]
     assert found == pytest.approx(wanted, rel=1e-9, abs=1e-9)
-    if posterior.rows.u_cal2 > 0.0:
-        b, filtered = np.repeat(np.eye(3), 15, axis=1), filter_all(posterior)
-        assert filtered is not None
-        state = filter_state(
-            posterior.geometry, posterior.rows, filtered, x, posterior.digits,
-            posterior.given(x[None]),
-        )  # fmt: skip
-        gain = 0.05**2 * b @ linalg.solve(k, reading)
-        np.testing.assert_allclose(state.gain, gain, rtol=1e-8, atol=1e-10)
 
 
 @pytest.mark.parametrize("case", NOT_NORMAL)
@@ -331,21 +357,34 @@ def test_gradient_beside_sites(case: str, readings: Measurement) -> None:
     np.testing.assert_allclose(slopes[0] * x, by_log, atol=1e-4 * np.abs(by_log).max())
 
 
-@pytest.mark.parametrize("case", ["censored", "censored, iid"])
-def test_error_of_the_sites(case: str, readings: Measurement) -> None:
+def error_of_the_sites(posterior: Posterior, s: Array) -> float:
     """Against the integral over one error z of the same filter's likelihood, y - h S z for y."""
-    posterior, s = not_normal(readings, case), sensitivities(readings)[:1]
-    x = point(posterior)
-    share = dense(posterior, x).share
-    free = posterior.with_errors(0.0 * s)
-    z = np.linspace(-6.0, 6.0, 121)
-    logs = np.array([
-        replace(free, rows=free.rows._replace(y=free.rows.y - share * s[0] * at))
-        .log_likelihood(x[None])[0] for at in z
-    ])  # fmt: skip
-    wanted = logsumexp(logs + stats.norm.logpdf(z)) + np.log(z[1] - z[0])
-    found = posterior.with_errors(s).log_likelihood(x[None])[0]
-    assert found == pytest.approx(wanted, abs=1e-3)
+    x, z = point(posterior), np.linspace(-6.0, 6.0, 121)
+    logs = np.array([less(posterior, x, s * at).log_likelihood(x[None])[0] for at in z])
+    exact = logsumexp(logs + stats.norm.logpdf(z)) + np.log(z[1] - z[0])
+    return float(posterior.with_errors(s[None]).log_likelihood(x[None])[0] - exact)
+
+
+@pytest.mark.parametrize("case", ["censored", "censored, iid"])
+def test_error_of_censored_sites(case: str, readings: Measurement) -> None:
+    for s in sensitivities(readings):
+        assert abs(error_of_the_sites(not_normal(readings, case), s)) < 1e-3
+
+
+@pytest.mark.parametrize("noise", ["iid", "correlated"])
+@pytest.mark.parametrize("seed", [1, 3])
+def test_error_of_student_sites(noise: str, seed: int) -> None:
+    """Readings that follow the law, an error as large as the noise."""
+    m = simulate_measurement(
+        pb.Parameters(n=1.6, k=0.25, sigma_n0=0.5, rho0=0.4), seed=seed, theta_i_deg=(20.0, 60.0),
+        theta_r_deg=np.linspace(-64.0, 64.0, 33), relative_noise=0.0, u_brdf_cal=0.02,
+    )  # fmt: skip
+    rng = np.random.default_rng(seed)
+    noises = 0.03 * (rng.standard_t(4.0, len(m.brdf)) + rng.standard_normal())
+    m = replace(m, brdf=replace(m.brdf, value=m.brdf.value * np.exp(noises)))
+    config = pb.RunConfig(noise=noise, tails="student-t", u_brdf_cal=0.02, accuracy="reference")
+    posterior = pb.build_posterior(m, config)
+    assert abs(error_of_the_sites(posterior, np.full(len(m.brdf), 0.03))) < 0.05
 
 
 PINNED: list[tuple[dict[str, Any], float]] = [
