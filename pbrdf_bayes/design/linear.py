@@ -13,7 +13,8 @@ nuisance marginalised; what readings tell of their own noise is left out. The ex
 screens all candidates, and by the same determinants batches and pairs are chosen. Where a
 measurement tells so much that next to no draw explains a simulated reading, it stands in for the
 nested estimate: what is left is narrow then, and the model as good as linear within it. The level
-comes from the entropy of the draws, which need not be normal.
+comes from the entropy of the draws, which need not be normal. That is too much
+information where what is left is not yet narrow: after few data by up to a nat or two.
 
 Chaloner and Verdinelli, Stat. Sci. 10, 273 (1995), doi:10.1214/ss/1177009939, with nuisance.
 """
@@ -230,13 +231,15 @@ def linear_law(paints: Paints) -> LinearLaw:
     inside = [c for c in b.columns_about.tolist() if c in of_model]
     about = np.array([of_model.index(c) for c in inside], dtype=np.int64)
     law = LinearLaw(_precision_so_far(paints), about)
-    entropy, se = entropy_of_draws(np.unique(p.to_coordinates(b.x)[:, inside], axis=0))
+    entropy, se = entropy_of_draws(p.to_coordinates(b.x)[:, inside])
     own = 0.5 * (law._log_det([]) + about.size * np.log(2.0 * np.pi * np.e))
     return replace(law, level=entropy - float(own.mean()), level_se=se)
 
 
 def entropy_of_draws(z: Array) -> tuple[float, float]:
-    """Differential entropy of a law from distinct draws of it, and its standard error [nat].
+    """Differential entropy of a law from draws of it, and its standard error [nat].
+
+    A draw that is there several times, as after resampling, has so much more weight.
 
     By the distances to near neighbours: Kozachenko and Leonenko, Probl. Inf. Transm. 23, 95 (1987).
 
@@ -252,14 +255,17 @@ def entropy_of_draws(z: Array) -> tuple[float, float]:
     >>> abs(value - 2.112) < 3.0 * se < 0.1
     True
     """
-    n_draws, n = z.shape
+    points, counts = np.unique(z, axis=0, return_counts=True)
+    weights, n = counts / counts.sum(), points.shape[1]
     root = np.linalg.cholesky(np.atleast_2d(np.cov(z, rowvar=False)))
-    white = np.linalg.solve(root, z.T).T
-    distance = np.asarray(cKDTree(white).query(white, [_NEIGHBOUR + 1])[0])[:, 0]
-    ball = 0.5 * n * np.log(np.pi) - gammaln(0.5 * n + 1.0)
-    terms = n * np.log(np.maximum(distance, 1e-12)) + np.log(np.diag(root)).sum() + ball
-    level = digamma(n_draws) - digamma(_NEIGHBOUR)
-    return float(terms.mean() + level), float(terms.std(ddof=1) / np.sqrt(n_draws))
+    white = np.linalg.solve(root, points.T).T
+    distance, near = map(np.asarray, cKDTree(white).query(white, list(range(1, _NEIGHBOUR + 2))))
+    inside = weights[near[:, 1:]].sum(axis=1) / (1.0 - weights)
+    ball = 0.5 * n * np.log(np.pi) - gammaln(0.5 * n + 1.0) + np.log(np.diag(root)).sum()
+    level = np.log(_NEIGHBOUR) - digamma(_NEIGHBOUR) + ball
+    terms = n * np.log(distance[:, -1]) - np.log(inside) + level
+    entropy = float(weights @ terms)
+    return entropy, float(np.sqrt(np.sum((weights * (terms - entropy)) ** 2)))
 
 
 def stand_in(law: LinearLaw, told: Told, within: Gain) -> Gain:
