@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pbrdf_bayes.analysis import Analysis
 from pbrdf_bayes import __version__
+from pbrdf_bayes.analysis import Analysis
 from pbrdf_bayes.config import did_you_mean
 from pbrdf_bayes.errors import ConfigError
 from pbrdf_bayes.io.export.astm import astm_text
