@@ -25,6 +25,8 @@ from pbrdf_bayes.report.svg import figure_style, inline_svg
 import pbrdf_bayes as pb
 from pbrdf_bayes.io.significant import significant
 from pbrdf_bayes.mitsuba import register
+from pbrdf_bayes.report.figures.axes import figure_style
+from pbrdf_bayes.report.figures.svg import inline_svg
 
 Array = NDArray[np.float64]
 
