@@ -20,7 +20,6 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from pbrdf_bayes.report.svg import figure_style, inline_svg
 
 import pbrdf_bayes as pb
 from pbrdf_bayes.io.significant import significant
