@@ -286,7 +286,7 @@ def _effects(names: tuple[str, ...]) -> None:
 
 def _known_effect(name: Any) -> None:
     """Refuse what is no effect, and say what it is where it has its place elsewhere."""
-    if name in EFFECTS:
+    if isinstance(name, str) and name in EFFECTS:
         return
     elsewhere = _ELSEWHERE.get(name, "") if isinstance(name, str) else ""
     hint = f" It is {elsewhere}." if elsewhere else did_you_mean(str(name), EFFECTS)

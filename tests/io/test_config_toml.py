@@ -29,6 +29,7 @@ fresnel_at = "mean-sine"
 accuracy = "draft"
 prior = "metal"
 brdf_floor = 1e-6
+angle_tolerance_deg = 0.1
 brdf_scale = "relative"
 u_brdf_cal = 0.03
 u_dhr_cal = 0.02
@@ -62,7 +63,7 @@ def test_every_key_is_read(tmp_path: Path) -> None:
     assert set(tomllib.loads(FULL)) == {f.name for f in fields(RunConfig)}
     assert found == RunConfig(
         noise="iid", discrepancy="matern-1/2", tails="student-t", student_dof=6,
-        accuracy="draft", prior="metal", brdf_floor=1e-6, brdf_scale="relative", u_brdf_cal=0.03,
+        accuracy="draft", prior="metal", brdf_floor=1e-6, angle_tolerance_deg=0.1, brdf_scale="relative", u_brdf_cal=0.03,
         u_dhr_cal=0.02, predict_theta_i_deg=(10.0, 45.0), holdout=False, n_ensembles=6, n_walkers=48,
         max_steps=5000, threads=1, priors={
             "n": {"kind": "normal", "mean": 1.5, "sd": 0.05},
