@@ -889,7 +889,7 @@ def test_a_number_that_is_not_identified_is_no_measurement(tmp_path):
     for key in ("centre", "low", "high"):
         assert record["chart"][key] == alone["chart"][key]
     assert "No. 5, lot 20: 2.4, beyond its limits, not identified: not in centre" in chart
-    assert "<i>n</i> in 1 sample" in (tmp_path / "index.html").read_text("utf-8")
+    assert "do not identify n in 1 sample" in (tmp_path / "index.html").read_text("utf-8")
 
 
 @pytest.mark.parametrize("how", ["failed", "uncertain", "outlier", "unidentified"])
