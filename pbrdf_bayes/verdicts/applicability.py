@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from pbrdf_bayes.verdict import (
     FAIL,
     HELD_OUT_FAIL_DEX,
     PASS,
+    SURPRISE_LIMIT,
     WARN,
     beside_noise,
     misfit_limit_dex,
@@ -100,11 +101,21 @@ def find_repeatability(
 
 def held_out_rms(holdouts: Sequence[Holdout]) -> dict[str, float]:
     """Rms [dex] over the predictions of each kind."""
+    return _pooled((one.kind, one.rms_dex) for one in holdouts)
+
+
+def expected_rms(holdouts: Sequence[Holdout]) -> dict[str, float]:
+    """Rms [dex] that the predictions of each kind lead to expect, with the margin of surprise."""
+    return _pooled((one.kind, SURPRISE_LIMIT * one.expected_dex) for one in holdouts)
+
+
+def _pooled(found: Iterable[tuple[str, float]]) -> dict[str, float]:
+    """Root of the mean square by kind, of the finite ones."""
     squares: dict[str, list[float]] = {}
-    for one in holdouts:
-        if np.isfinite(one.rms_dex):
-            squares.setdefault(one.kind, []).append(one.rms_dex**2)
-    return {kind: float(np.sqrt(np.mean(found))) for kind, found in squares.items()}
+    for kind, rms in found:
+        if np.isfinite(rms):
+            squares.setdefault(kind, []).append(rms**2)
+    return {kind: float(np.sqrt(np.mean(values))) for kind, values in squares.items()}
 
 
 def list_assumed(
@@ -145,7 +156,8 @@ def list_only_bounded(null_at: Collection[str]) -> tuple[str, ...]:
 
 def judge_applicability(
     *, best_rms_dex: float, repeatability: Repeatability, at_bound: Collection[str],
-    held_out: Mapping[str, float], untested: str = "", assumed: Sequence[str] = (),
+    held_out: Mapping[str, float], expected: Mapping[str, float] | None = None,
+    untested: str = "", assumed: Sequence[str] = (),
     extended: bool = False,
 ) -> Applicability:  # fmt: skip
     """Apply the three criteria.
@@ -160,6 +172,9 @@ def judge_applicability(
         Parameters that are pressed against the bound of their prior.
     held_out : mapping of str to float
         Rms of readings left out, by the kind of what was left out, "angle" or "polarization" [dex].
+    expected : mapping of str to float, optional
+        Rms up to which the predictions themselves lead to expect it, see `expected_rms` [dex]:
+        few readings predict others badly, whatever the model.
     untested : str
         Why no angle was left out, or how to have that done, where none was.
     assumed : sequence of str
@@ -171,7 +186,8 @@ def judge_applicability(
     Returns
     -------
     Applicability
-        Readings left out predicted worse than 0.10 dex beside their noise, or one of the four
+        Readings left out predicted worse than 0.10 dex beside their noise and worse than the
+        predictions lead to expect, or one of the four
         parameters on its bound: the model does not apply. An rms of more than three times the
         repeatability: it is descriptive only.
     """
@@ -180,7 +196,7 @@ def judge_applicability(
     wrong += [
         say(f"applicability.{kind}", rms=held_out[kind])
         for kind in ("angle", "polarization")
-        if held_out.get(kind, 0.0) > limit
+        if held_out.get(kind, 0.0) > max(limit, (expected or {}).get(kind, 0.0))
     ]
     caveats = tuple(assumed)
     if "angle" in held_out:

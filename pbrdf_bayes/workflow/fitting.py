@@ -55,6 +55,7 @@ from pbrdf_bayes.records.summary import EffectsChoice
 from pbrdf_bayes.report.page import render_report
 from pbrdf_bayes.results import N_BAND_DRAWS
 from pbrdf_bayes.verdicts.applicability import (
+    expected_rms,
     find_repeatability,
     held_out_rms,
     judge_applicability,
@@ -211,6 +212,7 @@ def _fit_posterior(
     applicability = judge_applicability(
         best_rms_dex=best_rms, repeatability=repeatability, at_bound=identifiability.at_bound,
         held_out={**(choice.held_out if choice is not None else {}), **held_out_rms(holdouts)},
+        expected=expected_rms(holdouts),
         untested=why_no_angle_left_out(m, wanted),
         assumed=list_assumed(posterior.specs, config.priors, told)
         + list_only_bounded(identifiability.null_at),
