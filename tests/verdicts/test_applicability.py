@@ -58,7 +58,11 @@ def test_readings_left_out_that_are_badly_predicted(kind):
 
 
 def test_few_readings_predict_badly_without_speaking_against_the_model():
-    few = {"best_rms_dex": 0.01, "repeatability": Repeatability(0.01, "inferred", 0.01), "at_bound": []}
+    few = {
+        "best_rms_dex": 0.01,
+        "repeatability": Repeatability(0.01, "inferred", 0.01),
+        "at_bound": [],
+    }
     held = {"held_out": {"angle": 0.2}}
     assert judge_applicability(**few, **held, expected={"angle": 0.21}).verdict == "applies"
     assert judge_applicability(**few, **held, expected={"angle": 0.19}).verdict == "does not apply"
