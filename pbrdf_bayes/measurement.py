@@ -231,7 +231,7 @@ def measurement_from_columns(
 
 
 def merge_close(values: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
-    """Values with those that lie within a tolerance of each other replaced by one nominal value.
+    """One nominal value for all values that lie within a tolerance of each other.
 
     It is their median, rounded to a fifth of the tolerance: 20.0021 becomes 20 at 0.05.
 

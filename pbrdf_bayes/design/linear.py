@@ -80,7 +80,7 @@ class Paints:
 
 
 def paints_of(beliefs: Beliefs, sets: DrawnSets) -> Paints:
-    """The sets and those that the slopes at them come from."""
+    """The parameter sets, and the sets at which their slopes were taken."""
     p = beliefs.posterior
     z = p.to_coordinates(sets.x)
     sd = np.sqrt(np.diag(beliefs.covariance))

@@ -36,7 +36,7 @@ MAX_ROW_LINES = 100
 """Lines that one row may take by line breaks in quotes."""
 MAX_COLUMNS = 1000
 _MOST_OWNERS = 10_000
-"""Samples of which rows that cannot be read are told apart."""
+"""Samples whose unreadable rows are counted one by one."""
 _CHUNK_ROWS, _CHUNK_CHARACTERS = 4096, 2**20
 
 SAVE_AS_UTF8 = "Save the file as UTF-8 (in a spreadsheet: 'CSV UTF-8, comma delimited')."

@@ -293,7 +293,7 @@ def _fault(path: Path, stored: Mapping[str, str] | None) -> str:
 
 
 def refuse_damage(folder: Path, summary: Mapping[str, Any]) -> None:
-    """Refuse a run whose files are not those that were written.
+    """Refuse a run whose files differ from what was written.
 
     Raises
     ------

@@ -202,7 +202,7 @@ def import_readings(
         A file is damaged, in no format that is known, or leaves something undecided: the option
         that decides is named (`UndecidedError`).
     ConfigError
-        A decision is none of those that there are.
+        The name of a decision is unknown.
     """
     try:
         decided = Decided(**decisions)

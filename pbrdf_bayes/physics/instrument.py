@@ -29,14 +29,14 @@ _LARGEST_THETA_I = LARGEST_THETA_I_DEG * DEGREE
 
 @compiled()
 def is_moved(effects: EffectValues) -> bool:
-    """Readings are of other directions than those they are said to be of, or of a range of them."""
+    """The detector saw other directions than it stated, or a range of them."""
     offset = effects.offset_theta_i_deg != 0.0 or effects.offset_theta_r_deg != 0.0
     return offset or effects.aperture_deg > 0.0
 
 
 @compiled()
 def move(angles: Array, effects: EffectValues, out: Array) -> None:
-    """Angles as they were from those that were read: theta_i, theta_r, phi_r (3, n) [rad]."""
+    """True angles from the angles read: theta_i, theta_r, phi_r, shape (3, n) [rad]."""
     theta_i, theta_r, phi_r = out[0], out[1], out[2]
     for i in range(theta_i.size):
         incident = angles[0, i] + effects.offset_theta_i_deg * DEGREE

@@ -309,8 +309,8 @@ def fit_file(
         The run folder itself; reports/<sample>/<time> by default.
     seed : int
     resume : bool
-        A finished run in ``out`` is returned as it is. One whose files are not those that were
-        written is fitted again, and ``notice`` says so. An unfinished one goes on from its
+        A finished run in ``out`` is returned as it is. A run whose files were damaged is fitted
+        again, and ``notice`` says so. An unfinished one goes on from its
         checkpoint, to the draws that it would have had without the interruption; so does one that
         did not converge, where ``max_steps`` is larger now.
     paperwork : Paperwork, optional

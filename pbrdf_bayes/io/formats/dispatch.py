@@ -121,7 +121,7 @@ def import_files(paths: Sequence[str | Path], decided: Decided) -> Foreign:
     Raises
     ------
     ConfigError
-        A decision is none of those that there are.
+        The name of a decision is unknown.
     DataError
         A file is in no format that is known, is damaged or leaves something undecided.
     """
